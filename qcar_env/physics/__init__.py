@@ -1,0 +1,1 @@
+"""The paper's equations: car, road, forces, integration, and the linear truth."""

@@ -1,0 +1,258 @@
+"""The plant without control is linear: its matrices, exact transition, modes and steady state.
+
+State order everywhere: ``(x1, x2, v1, v2)``. These functions are the truth that the integrators
+are tested against, and the model that LQR, MPC and the optimum use.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from qcar_env.physics.car import QuarterCar
+from qcar_env.physics.dynamics import rate
+from qcar_env.physics.external_force import ExternalForce
+from qcar_env.physics.forcing import Amplitudes, World, forcing, turn_world
+from qcar_env.physics.rk4 import rk4_step, step_fractions
+from qcar_env.physics.roads import Phasor, Road
+from qcar_env.physics.state import State, advance
+from qcar_env.physics.validation import positive
+
+Array = NDArray[np.float64]
+
+
+def system_matrix(car: QuarterCar) -> Array:
+    """Return A of ``x' = A x + B u + R w``, shape (4, 4)."""
+    return np.array(
+        [
+            [0.0, 0.0, 1.0, 0.0],
+            [0.0, 0.0, 0.0, 1.0],
+            [-(car.omega1**2), car.E1, -car.b1, car.E2],  # (3)
+            [car.E3, -(car.omega2**2), car.b2, -car.b2],  # (4)
+        ]
+    )
+
+
+def input_matrix() -> Array:
+    """Return B for the specific actuator forces ``u = (u1, u2)`` [m/s^2], shape (4, 2)."""
+    return np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+
+
+def forcing_matrix(car: QuarterCar) -> Array:
+    """Return R for the forcing ``w = (y, y', F)``, shape (4, 3)."""
+    return np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [car.mu1, car.mu2, 0.0], [0.0, 0.0, 1.0]])
+
+
+def poles(car: QuarterCar) -> NDArray[np.complex128]:
+    """Return the eigenvalues of the uncontrolled plant [1/s], shape (4,), slowest first."""
+    values = np.linalg.eigvals(system_matrix(car)).astype(np.complex128)
+    order = np.lexsort((-values.imag, np.round(-values.real, 9)))
+    return values[order]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mode:
+    """One natural mode of the uncontrolled car."""
+
+    frequency: float  # magnitude of the pole [rad/s]
+    damping_ratio: float  # -Re(pole) / |pole| [-]
+    shape: tuple[complex, complex]  # displacements of wheel and body, the larger one 1 [-]
+
+
+def modes(car: QuarterCar) -> tuple[Mode, ...]:
+    """Return the modes of the uncontrolled car, lowest frequency first.
+
+    Returns
+    -------
+    tuple of Mode
+        Two for an underdamped car; an overdamped mode counts once for each real pole.
+    """
+    values, vectors = np.linalg.eig(system_matrix(car))
+    found: list[Mode] = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        if value.imag < 0.0:
+            continue
+        displacement = vector[:2] / vector[:2][np.argmax(np.abs(vector[:2]))]
+        found.append(
+            Mode(
+                frequency=float(abs(value)),
+                damping_ratio=float(-value.real / abs(value)),
+                shape=(complex(displacement[0]), complex(displacement[1])),
+            )
+        )
+    return tuple(sorted(found, key=lambda mode: mode.frequency))
+
+
+def held_transition(car: QuarterCar, dt: float) -> tuple[Array, Array]:
+    """Return the exact map over `dt` under a held actuator force and no forcing.
+
+    Parameters
+    ----------
+    car : QuarterCar
+        The plant.
+    dt : float
+        Interval [s].
+
+    Returns
+    -------
+    Ad : ndarray (4, 4)
+    Bd : ndarray (4, 2)
+        ``x(t + dt) = Ad x(t) + Bd u``.
+    """
+    m = np.zeros((6, 6))
+    m[:4, :4] = system_matrix(car)
+    m[:4, 4:] = input_matrix()
+    exact = expm(m * positive("dt", dt, "s"))
+    return exact[:4, :4], exact[:4, 4:]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transition:
+    """The exact map of plant, road phasor and force phasor over an interval, force held.
+
+    ``x(t+dt) = A x + B u + road (s, c) + force (S, C)``, where ``(s, c)`` and ``(S, C)`` are the
+    phasors of road and force at the beginning of the interval.
+    """
+
+    A: Array  # (4, 4)
+    B: Array  # (4, 2) specific actuator forces
+    road: Array  # (4, 2) phasor of the road
+    force: Array  # (4, 2) phasor of the external force
+    dt: float  # [s]
+
+
+def exact_transition(car: QuarterCar, road: Road, force: ExternalForce, dt: float) -> Transition:
+    """Return the exact map over `dt` on one piece of the road (matrix exponential).
+
+    Parameters
+    ----------
+    car, road, force
+        Plant, road and external force.
+    dt : float
+        Interval [s]; the road must have no kink inside.
+
+    Returns
+    -------
+    Transition
+
+    Raises
+    ------
+    ValueError
+        If `dt` is not positive.
+    """
+    m = np.zeros((10, 10))
+    m[:4, :4] = system_matrix(car)
+    m[:4, 4:6] = input_matrix()
+    r = forcing_matrix(car)
+    m[:4, 6] = r[:, 0] * road.h  # y = h s
+    m[:4, 7] = r[:, 1] * road.h * road.omega  # y' = h omega c
+    m[:4, 9] = r[:, 2] * force.f  # F = f C
+    m[6, 7], m[7, 6] = road.omega, -road.omega
+    m[8, 9], m[9, 8] = force.Omega, -force.Omega
+    exact = expm(m * positive("dt", dt, "s"))
+    return Transition(
+        A=exact[:4, :4], B=exact[:4, 4:6], road=exact[:4, 6:8], force=exact[:4, 8:10], dt=dt
+    )
+
+
+def rk4_transition(
+    car: QuarterCar, road: Road, force: ExternalForce, dt: float, substeps: int
+) -> Transition:
+    """Return the map that `substeps` RK4 steps make of an interval `dt` (see `exact_transition`).
+
+    With a held force and harmonic forcing an RK4 step of the linear plant is itself linear in
+    state, force and phasors; this is that map, found by applying the step to unit vectors.
+    """
+    unit = np.eye(10)
+    x = State(*unit[:4])
+    u1, u2 = unit[4], unit[5]
+    world = World(Phasor(unit[6], unit[7]), Phasor(unit[8], unit[9]))
+    step = step_fractions(positive("dt", dt, "s") / substeps)
+    by = World(_angle(road.omega * step.half), _angle(force.Omega * step.half))
+    amplitudes = Amplitudes(road.h, road.h * road.omega, force.f)
+    for _ in range(substeps):
+        middle = turn_world(world, by)
+        end = turn_world(middle, by)
+        w = [forcing(each, amplitudes) for each in (world, middle, end)]
+        x = rk4_step(rate, advance, x, step, *w, u1, u2, car)
+        world = end
+    m = np.array(x)
+    return Transition(A=m[:, :4], B=m[:, 4:6], road=m[:, 6:8], force=m[:, 8:10], dt=dt)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteadyState:
+    """Periodic motion of the uncontrolled car: ``x(t) = Re(X e^{i omega t} + Z e^{i Omega t})``."""
+
+    omega: float  # frequency of the road [rad/s]
+    Omega: float  # frequency of the external force [rad/s]
+    road: NDArray[np.complex128]  # X (4,): answer to the road
+    force: NDArray[np.complex128]  # Z (4,): answer to the external force
+
+    @property
+    def amplitudes(self) -> tuple[float, float]:
+        """Amplitudes of x1 and x2 [m]; the largest displacement that the motion comes near."""
+        if self.omega == self.Omega:
+            total = np.abs(self.road + self.force)
+        else:
+            total = np.abs(self.road) + np.abs(self.force)
+        return float(total[0]), float(total[1])
+
+    def state(self, t: float) -> Array:
+        """Return the state at `t` [s], shape (4,)."""
+        return np.real(
+            self.road * np.exp(1j * self.omega * t) + self.force * np.exp(1j * self.Omega * t)
+        )
+
+
+def steady_state(car: QuarterCar, road: Road, force: ExternalForce) -> SteadyState:
+    """Return the steady motion of the uncontrolled car on a harmonic road.
+
+    Parameters
+    ----------
+    car, road, force
+        Plant, harmonic road and external force.
+
+    Returns
+    -------
+    SteadyState
+
+    Raises
+    ------
+    ValueError
+        If the road is not harmonic (a hump passes and a step settles), or if a forcing frequency
+        meets an undamped mode.
+    """
+    if road.profile != "harmonic":
+        raise ValueError(
+            f"a steady state needs a harmonic road, got {road.profile!r}; use roads.harmonic"
+        )
+    r = forcing_matrix(car)
+    # y = Im(h e^{i omega t}) = Re(-i h e^{i omega t}); F = Re(f e^{i Omega t})
+    into_road = (r[:, 0] + 1j * road.omega * r[:, 1]) * (-1j * road.h)
+    into_force = r[:, 2] * force.f
+    return SteadyState(
+        omega=road.omega,
+        Omega=force.Omega,
+        road=_response(car, road.omega, into_road),
+        force=_response(car, force.Omega, into_force),
+    )
+
+
+def _response(car: QuarterCar, frequency: float, into: Array) -> NDArray[np.complex128]:
+    matrix = 1j * frequency * np.eye(4) - system_matrix(car)
+    if not np.any(into):
+        return np.zeros(4, dtype=np.complex128)
+    if np.linalg.cond(matrix) > 1e14:
+        raise ValueError(
+            f"no steady state: the forcing at {frequency:g} rad/s meets an undamped mode; "
+            "give the car damping or another frequency"
+        )
+    return np.linalg.solve(matrix, into)
+
+
+def _angle(angle: float) -> Phasor:
+    return Phasor(np.sin(angle), np.cos(angle))

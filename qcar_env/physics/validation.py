@@ -1,0 +1,93 @@
+"""Checks of numbers that enter the library: each names the value, the range and the remedy."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterable
+
+
+def finite(name: str, value: float, unit: str = "-") -> float:
+    """Return `value` as a float.
+
+    Raises
+    ------
+    ValueError
+        If it is not a finite number.
+    """
+    number = _number(name, value, unit)
+    if not math.isfinite(number):
+        raise ValueError(f"{name} must be finite, got {number} {unit}; give a finite number")
+    return number
+
+
+def positive(name: str, value: float, unit: str = "-") -> float:
+    """Return `value` as a float.
+
+    Raises
+    ------
+    ValueError
+        If it is not a finite number above zero.
+    """
+    number = finite(name, value, unit)
+    if number <= 0.0:
+        raise ValueError(
+            f"{name} must be positive, got {number:g} {unit}; give a value above 0 {unit}"
+        )
+    return number
+
+
+def non_negative(name: str, value: float, unit: str = "-") -> float:
+    """Return `value` as a float.
+
+    Raises
+    ------
+    ValueError
+        If it is not a finite number of at least zero.
+    """
+    number = finite(name, value, unit)
+    if number < 0.0:
+        raise ValueError(
+            f"{name} must not be negative, got {number:g} {unit}; give 0 {unit} or more"
+        )
+    return number
+
+
+def whole(name: str, value: int, least: int = 1) -> int:
+    """Return `value` as an int.
+
+    Raises
+    ------
+    ValueError
+        If it is not a whole number of at least `least`.
+    """
+    if isinstance(value, bool) or not isinstance(value, int) and int(value) != value:
+        raise ValueError(f"{name} must be a whole number, got {value!r}; give {least} or more")
+    if value < least:
+        raise ValueError(f"{name} must be at least {least}, got {value}; give {least} or more")
+    return int(value)
+
+
+def known(kind: str, name: str, names: Iterable[str]) -> str:
+    """Return `name` if it is one of `names`.
+
+    Raises
+    ------
+    ValueError
+        If it is not; the message gives the nearest name and the whole list.
+    """
+    choices = sorted(names)
+    if name in choices:
+        return name
+    near = difflib.get_close_matches(str(name), choices, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    raise ValueError(f"unknown {kind} {name!r}{hint} Known: {', '.join(choices)}")
+
+
+def _number(name: str, value: float, unit: str) -> float:
+    if isinstance(value, (bool, str)):
+        raise ValueError(f"{name} must be a number in {unit}, got {value!r}")
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be a number in {unit}, got {value!r}") from None
