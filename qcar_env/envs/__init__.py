@@ -1,0 +1,1 @@
+"""Gymnasium environments: the task as pure functions, and the classes that keep the books."""

@@ -1,0 +1,291 @@
+"""The environment of one car."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_env.envs import task
+from qcar_env.physics import motion
+from qcar_env.physics.state import State
+from qcar_env.physics.validation import finite, known, positive
+from qcar_env.scenarios import Scenario, draw
+from qcar_env.scenarios import scenario as find_scenario
+
+
+class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
+    """A quarter car crosses speed humps; an actuator keeps wheel and body still.
+
+    ## Description
+
+    Two masses, the wheel on its tyre and the car body on its suspension, are shaken by the road
+    under the tyre and by an external force on the body. The plant is that of Alluhydan, Amer,
+    EL-Sayed and Agwa, *Stability and Control of Car Dynamics with a Quarter Model via a Novel
+    Simple Harmonic Hump under External Force*, Mathematics 2024, 12(19), 3046, equations (3)-(4),
+    integrated with fourth-order Runge-Kutta. The policy sets the actuator force, which is held
+    over each control interval `dt`. Signs: everything is positive upward.
+
+    ## Action space
+
+    `Box(-1, 1, (m,), float32)`: the force as a fraction of the actuator's limit. With
+    ``independent`` actuation (the paper's) m = 2: specific forces on wheel and body. With
+    ``suspension`` actuation m = 1: one actuator between them, +1 lifts the body. Values outside
+    the box are clipped, as an actuator saturates. `info["force"]` has the force in SI units, and
+    `env.unwrapped.force_limit` the limits.
+
+    ## Observation space
+
+    `Box(-10, 10, (8,), float32)` with ``observe="full"``; the first four entries, which is what
+    the paper's laws use, with ``observe="feedback"``. A and omega are the reference amplitudes
+    and the reference frequency of the scenario.
+
+    | # | entry | meaning |
+    |---|---|---|
+    | 0 | x1 / A1 | wheel displacement |
+    | 1 | x2 / A2 | body displacement |
+    | 2 | v1 / (omega A1) | wheel velocity |
+    | 3 | v2 / (omega A2) | body velocity |
+    | 4 | y / h | road height under the tyre |
+    | 5 | y' / (h omega) | its rate |
+    | 6 | F / f | external force |
+    | 7 | F' / (f Omega) | its rate |
+
+    With `observe_limit=True` one more entry follows: the force limit over the scenario's own.
+
+    ## Reward
+
+    Minus the mean of the two envelope amplitudes ``a_i = sqrt(x_i^2 + (v_i / omega)^2)`` over the
+    reference amplitudes: -1 is the uncontrolled steady motion, 0 is stillness. `info` has the
+    terms `reward_x1`, `reward_x2` and `reward_travel`; their sum is the reward.
+
+    ## Start of an episode
+
+    A quarter of the episodes starts from rest, the others with amplitudes between 0.01 and 1.5 of
+    the uncontrolled ones, with random phases of the masses and, on a harmonic road, of the road.
+    `reset(options=...)` fixes them: `state` (x1, x2, v1, v2) in SI units, `phase` of the road in
+    rad; `force_scale` and `scenario` (a name or a `Scenario` with as many actuators) hold for this
+    and the following episodes.
+
+    ## End of an episode
+
+    Terminated when a displacement exceeds `travel_limit` reference amplitudes, at the reward
+    `reward_travel`; truncated after `duration` seconds. Nothing else ends an episode.
+
+    ## Arguments
+
+    ```python
+    import gymnasium as gym
+    import qcar_env
+
+    env = gym.make("QuarterCarHump-v0", scenario="paper", observe="full")
+    ```
+
+    `scenario` is a name from `qcar_env.SCENARIOS` or a `Scenario`; `observe` is ``"full"`` or
+    ``"feedback"``; `observe_limit` adds the force limit to the observation; `force_scale`
+    multiplies the scenario's force limit; `duration` [s] replaces the scenario's.
+
+    ## Version history
+
+    v0: first version.
+    """
+
+    metadata = {"render_modes": [], "render_fps": 200}  # noqa: RUF012 - Gymnasium's interface
+
+    def __init__(
+        self,
+        scenario: str | Scenario = "paper",
+        *,
+        observe: task.Observe = "full",
+        observe_limit: bool = False,
+        force_scale: float = 1.0,
+        duration: float | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode is not None:
+            known("render mode", render_mode, self.metadata["render_modes"])
+        self.render_mode = render_mode
+        self._observe: task.Observe = known("observe", observe, task.OBSERVE)
+        self._observe_limit = bool(observe_limit)
+        self._force_scale = positive("force_scale", force_scale)
+        self._duration = duration
+        self._size = task.observation_size(observe, False)
+        self._base = self._configure(scenario)
+        self._episode: Scenario | None = None
+        self._steps = 0
+        self._done = True
+        high = task.OBSERVATION_LIMIT
+        shape = (task.observation_size(observe, self._observe_limit),)
+        self.observation_space = gym.spaces.Box(-high, high, shape, np.float32)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, (self._base.actuator.size,), np.float32)
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario with this environment's force limit and duration, not randomised."""
+        return self._base
+
+    @property
+    def episode(self) -> Scenario:
+        """The scenario of the running episode, as drawn."""
+        return self._base if self._episode is None else self._episode
+
+    @property
+    def force_limit(self) -> NDArray[np.float64]:
+        """Force that action 1 makes in this episode, shape (m,) [m/s^2] or [N]."""
+        return np.array(self.episode.actuator.limit)
+
+    @property
+    def dt(self) -> float:
+        """Control interval [s]."""
+        return self._base.dt
+
+    @property
+    def state(self) -> State:
+        """State of the plant in SI units."""
+        self._check_running("state")
+        return self._x
+
+    @property
+    def time(self) -> float:
+        """Time on the road [s], which begins at the drawn phase."""
+        self._check_running("time")
+        return self._start + self._steps * self._base.dt
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Start an episode.
+
+        Parameters
+        ----------
+        seed : int, optional
+            Seed of this environment's generator.
+        options : dict, optional
+            `state` (4,) [m, m, m/s, m/s], `phase` [rad], `force_scale` [-], `scenario`.
+
+        Returns
+        -------
+        observation : ndarray (n,) float32
+        info : dict
+
+        Raises
+        ------
+        ValueError
+            If an option is unknown or out of range.
+        """
+        super().reset(seed=seed)
+        options = options or {}
+        for key in options:
+            known("reset option", key, task.RESET_OPTIONS)
+        if "force_scale" in options:
+            self._force_scale = positive("force_scale", options["force_scale"])
+        if "scenario" in options or "force_scale" in options:
+            self._base = self._configure(options.get("scenario", self._named))
+        base = self._base
+        episode = draw(base, self.np_random)
+        state, phase = task.draw_start(self.np_random, base, 1)
+        x = task.given_state(options["state"], base) if "state" in options else state[0]
+        angle = finite("phase", options.get("phase", float(phase[0])), "rad")
+        self._episode = episode
+        self._scales = task.scales(base, episode)
+        self._limits = episode.actuator.specific_limits(episode.car)
+        self._limit_entry = task.limit_entry(find_scenario(self._named), episode)
+        self._plant = motion.plant(
+            episode.car, episode.road, episode.force, base.dt / base.substeps
+        )
+        self._start = task.start_time(episode, angle)
+        self._x = task.as_state(x)
+        self._world = motion.world_at(self._start, episode.road, episode.force)
+        self._kink = episode.road.next_kink(self._start)
+        self._steps = 0
+        self._done = False
+        return self._observation(), {"force": np.zeros(base.actuator.size), "phase": angle}
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Hold a force for one control interval.
+
+        Parameters
+        ----------
+        action : ndarray (m,)
+            Force over its limit, clipped to [-1, 1].
+
+        Returns
+        -------
+        observation : ndarray (n,) float32
+        reward : float
+        terminated, truncated : bool
+        info : dict
+            `force` (m,) [m/s^2] or [N], `reward_x1`, `reward_x2`, `reward_travel`.
+
+        Raises
+        ------
+        ValueError
+            If the action has the wrong shape or is not a number, or the episode is over.
+        """
+        if self._done:
+            self._check_running("step")
+            raise ValueError("the episode is over; call reset before the next step")
+        a = np.asarray(action, dtype=np.float64)
+        if a.shape != self.action_space.shape:
+            raise ValueError(
+                f"action must have shape {self.action_space.shape}, got {a.shape}; "
+                f"give one number for each actuator"
+            )
+        if not np.all(np.isfinite(a)):
+            raise ValueError(f"action must be finite, got {a}; allowed range is [-1, 1]")
+        a = np.clip(a, -1.0, 1.0)
+        base = self._base
+        self._x, self._world, self._kink = motion.interval(
+            self._x,
+            self._world,
+            self._kink,
+            self._start + self._steps * base.dt,
+            base.dt,
+            base.substeps,
+            self._limits[0] * float(a[0]),
+            self._limits[1] * float(a[-1]),
+            self._plant,
+        )
+        self._steps += 1
+        cost1, cost2 = task.costs(self._x, self._scales)
+        terminated = bool(task.out_of_travel(self._x, self._scales))
+        truncated = self._steps >= base.steps and not terminated
+        self._done = terminated or truncated
+        penalty = self._scales.penalty if terminated else 0.0
+        info = {
+            "force": a * self.force_limit,
+            "reward_x1": -float(cost1),
+            "reward_x2": -float(cost2),
+            "reward_travel": penalty,
+        }
+        reward = -float(cost1) - float(cost2) + penalty
+        return self._observation(), reward, terminated, truncated, info
+
+    def _observation(self) -> NDArray[np.float32]:
+        entries = task.observe(self._x, self._world, self._scales)[: self._size]
+        if self._observe_limit:
+            entries = (*entries, self._limit_entry)
+        high = task.OBSERVATION_LIMIT
+        return np.clip(np.array(entries), -high, high).astype(np.float32)
+
+    def _configure(self, scenario: str | Scenario) -> Scenario:
+        found = find_scenario(scenario)
+        if hasattr(self, "_base") and found.actuator.size != self._base.actuator.size:
+            raise ValueError(
+                f"scenario {found.name!r} has {found.actuator.size} actuator(s), this environment "
+                f"{self._base.actuator.size}; make a new environment for it"
+            )
+        self._named = found
+        found = found.with_force_scale(self._force_scale)
+        if self._duration is not None:
+            found = dataclasses.replace(found, duration=self._duration)
+        return found
+
+    def _check_running(self, what: str) -> None:
+        if self._episode is None:
+            raise gym.error.ResetNeeded(f"no episode yet; call reset before {what}")
