@@ -1,0 +1,83 @@
+"""The import contracts of pyproject.toml hold, and each of them can fail."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = [
+    name
+    for name in ("qcar_env", "agents", "baselines", "scripts")
+    if list(ROOT.glob(f"{name}/*.py"))
+]
+
+
+def lint_imports(checkout: Path) -> subprocess.CompletedProcess[str]:
+    """Run the contracts of a checkout on the packages that lie in it."""
+    command = "from importlinter.cli import lint_imports; exit(lint_imports(no_cache=True))"
+    return subprocess.run(
+        [sys.executable, "-c", command],
+        cwd=checkout,
+        env={**os.environ, "PYTHONPATH": str(checkout), "COLUMNS": "200", "NO_COLOR": "1"},
+        capture_output=True,
+        text=True,
+    )
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    for name in PACKAGES:
+        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    return tmp_path
+
+
+def test_imports_go_down_only():
+    report = lint_imports(ROOT)
+    assert report.returncode == 0, report.stdout + report.stderr
+
+
+def test_every_package_of_the_checkout_is_under_contract():
+    config = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert sorted(config["tool"]["importlinter"]["root_packages"]) == sorted(PACKAGES)
+
+
+@pytest.mark.parametrize(
+    ("module", "line", "contract"),
+    [
+        ("qcar_env/physics/rk4.py", "import qcar_env.control", "Inside the library"),
+        ("qcar_env/physics/rk4.py", "from qcar_env import scenarios", "Inside the library"),
+        ("qcar_env/control/cnvc.py", "import qcar_env.scenarios", "Inside the library"),
+        ("qcar_env/unplaced.py", "import math", "Inside the library"),
+        ("qcar_env/control/cnvc.py", "import torch", "Only agents"),
+        ("qcar_env/scenarios.py", "from stable_baselines3 import PPO", "Only agents"),
+        ("qcar_env/physics/roads.py", "import matplotlib.pyplot", "Only plots"),
+        ("qcar_env/control/cnvc.py", "import pygame", "Only rendering"),
+        (
+            "qcar_env/control/cnvc.py",
+            "from gymnasium import spaces",
+            "Inside the library only envs",
+        ),
+        # an import inside a function counts
+        ("qcar_env/physics/rk4.py", "def late():\n    import torch", "Only agents"),
+    ],
+)
+def test_an_import_upwards_breaks_its_contract(
+    checkout: Path, module: str, line: str, contract: str
+):
+    with (checkout / module).open("a", encoding="utf-8") as file:
+        file.write(f"\n\n{line}\n")
+    report = lint_imports(checkout)
+    assert report.returncode == 1, report.stdout + report.stderr
+    broken = [row for row in report.stdout.splitlines() if " BROKEN" in row]
+    assert len(broken) == 1, report.stdout
+    assert broken[0].startswith(contract)
