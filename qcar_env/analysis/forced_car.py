@@ -174,7 +174,8 @@ class ForcedCar:
 
     @property
     def _gains(self) -> tuple[str, ...]:
-        return tuple(field.name for field in dataclasses.fields(self.law))  # type: ignore[arg-type]
+        law: Any = self.law
+        return tuple(each.name for each in dataclasses.fields(law)) if _is_dataclass(law) else ()
 
     @property
     def _shared_gains(self) -> tuple[str, ...]:
@@ -306,5 +307,9 @@ def sweep(car: ForcedCar, name: str, values: ArrayLike) -> Iterator[ForcedCar]:
         yield car.vary(name, float(value))
 
 
-def _with_gains(law: Law, gains: dict[str, float]) -> Law:
-    return dataclasses.replace(law, **gains)  # type: ignore[type-var]
+def _is_dataclass(law: Any) -> bool:
+    return dataclasses.is_dataclass(law)
+
+
+def _with_gains(law: Any, gains: dict[str, float]) -> Law:
+    return dataclasses.replace(law, **gains)
