@@ -1,0 +1,1 @@
+"""Scripted competitors: the control laws as policies with Stable-Baselines3's `predict`."""

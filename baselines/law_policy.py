@@ -1,0 +1,158 @@
+"""A control law as a policy that acts once every control interval."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from qcar_env.control.law import Law
+from qcar_env.envs import task
+from qcar_env.physics.state import Filter, State
+from qcar_env.scenarios import Scenario
+
+Array = NDArray[np.float64]
+
+
+class LawPolicy:
+    """A law of `qcar_env.control`, sampled: it reads the state and sets a held force.
+
+    Parameters
+    ----------
+    law : Law
+        The law with its gains.
+    scenario : Scenario
+        Gives the units of the observation, the force limit and the control interval.
+
+    Raises
+    ------
+    ValueError
+        If the law destabilises the scenario's car.
+
+    Notes
+    -----
+    The law's filter is carried in `state`, one row a car. It is advanced by its exact solution
+    over `dt` for an input that runs straight from the last sample to this one (first-order hold),
+    which is what a policy can know.
+
+    With a suspension actuator, which has one force for both masses, the law's force on the body is
+    realised and its force on the wheel is not.
+    """
+
+    reads: Literal["feedback"] = "feedback"  # the state only
+
+    def __init__(self, law: Law, scenario: Scenario) -> None:
+        law.check(scenario.car)
+        self.law = law
+        self.name = law.name
+        self._unit = np.array(task.scales(scenario)[1:5])  # observation of a unit state
+        limits = scenario.actuator.specific_limits(scenario.car)
+        self._limits = np.array(limits[-scenario.actuator.size :])
+        if law.filter_rate is not None:
+            self._hold = first_order_hold(*filter_matrices(law), scenario.dt)
+
+    def predict(
+        self,
+        observation: Any,
+        state: tuple[NDArray[Any], ...] | None = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], tuple[NDArray[Any], ...] | None]:
+        """Return the law's force over its limit, clipped to [-1, 1].
+
+        Parameters
+        ----------
+        observation : ndarray (n, k) or (k,)
+            Observations; the first four entries are read.
+        state : tuple of ndarray, optional
+            Filter (n, 4) and last sample (n, 4).
+        episode_start : ndarray (n,) of bool, optional
+            Cars whose filter starts from rest.
+        deterministic : bool
+            Without effect: a law does not draw.
+
+        Returns
+        -------
+        actions : ndarray (n, m) or (m,) float32
+        state : tuple of ndarray or None
+
+        Raises
+        ------
+        ValueError
+            If the observation has fewer than four entries.
+        """
+        entries = np.asarray(observation, dtype=np.float64)
+        if entries.shape[-1] < task.FEEDBACK_SIZE:
+            raise ValueError(
+                f"observation must have at least {task.FEEDBACK_SIZE} entries, got "
+                f"{entries.shape[-1]}; make the environment with observe='feedback' or 'full'"
+            )
+        x = np.atleast_2d(entries)[:, : task.FEEDBACK_SIZE] / self._unit
+        if self.law.filter_rate is None:
+            memory = None
+            eta = np.zeros_like(x)
+        else:
+            eta = self._filter(x, state, episode_start)
+            memory = (eta, x)
+        u1, u2 = self.law.command(State(*x.T), Filter(*eta.T), self.law.gains)
+        forces = np.stack([u1, u2], axis=1)[:, -len(self._limits) :]
+        actions = np.clip(forces / self._limits, -1.0, 1.0).astype(np.float32)
+        return actions.reshape((*entries.shape[:-1], len(self._limits))), memory
+
+    def _filter(
+        self,
+        x: Array,
+        state: tuple[NDArray[Any], ...] | None,
+        episode_start: NDArray[np.bool_] | None,
+    ) -> Array:
+        if state is None:
+            return np.zeros_like(x)
+        eta, last = state
+        transition, from_last, from_now = self._hold
+        eta = eta @ transition.T + last @ from_last.T + x @ from_now.T
+        if episode_start is not None:
+            eta = np.where(np.asarray(episode_start)[:, np.newaxis], 0.0, eta)
+        return eta
+
+
+def filter_matrices(law: Law) -> tuple[Array, Array]:
+    """Return the law's filter as ``eta' = F eta + G x``: F (4, 4) and G (4, 4).
+
+    The matrices are read off `Law.filter_rate`, which is linear, by applying it to unit vectors.
+    """
+    assert law.filter_rate is not None
+    unit, zero = np.eye(4), np.zeros((4, 4))
+    f = np.array(law.filter_rate(State(*zero), Filter(*unit), law.gains))
+    g = np.array(law.filter_rate(State(*unit), Filter(*zero), law.gains))
+    return f, g
+
+
+def first_order_hold(f: Array, g: Array, dt: float) -> tuple[Array, Array, Array]:
+    """Discretise ``eta' = F eta + G x`` exactly for an `x` that runs straight between samples.
+
+    Parameters
+    ----------
+    f, g : ndarray (k, k), (k, j)
+        The filter.
+    dt : float
+        Interval [s].
+
+    Returns
+    -------
+    transition, from_last, from_now : ndarray
+        ``eta(t + dt) = transition eta(t) + from_last x(t) + from_now x(t + dt)``.
+
+    Notes
+    -----
+    G. F. Franklin, J. D. Powell, M. Workman, Digital Control of Dynamic Systems, 3rd ed.,
+    section 6.3.2 (triangle hold): the matrix exponential of ``[[F, G, 0], [0, 0, I/dt], [0, 0, 0]]``.
+    """
+    k, j = g.shape
+    m = np.zeros((k + 2 * j, k + 2 * j))
+    m[:k, :k], m[:k, k : k + j] = f, g
+    m[k : k + j, k + j :] = np.eye(j) / dt
+    exact = expm(m * dt)
+    ramp = exact[:k, k + j :]
+    return exact[:k, :k], exact[:k, k : k + j] - ramp, ramp

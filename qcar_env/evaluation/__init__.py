@@ -1,0 +1,1 @@
+"""Evaluation: what a policy is, rollouts through the environment, and metrics."""

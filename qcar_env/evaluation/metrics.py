@@ -1,0 +1,103 @@
+"""Metrics of a controlled crossing, the paper's and the field's."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from qcar_env.physics.validation import positive, whole
+
+Array = NDArray[np.float64]
+
+
+def percentage_error(uncontrolled: float, controlled: float) -> float:
+    """Return the paper's percentage error, ``(vA1 - vA2) / vA2 * 100`` [%].
+
+    Parameters
+    ----------
+    uncontrolled, controlled : float
+        Amplitudes without and with control, `vA1` and `vA2` [m].
+
+    Notes
+    -----
+    Table 1 of the paper. It divides by the controlled amplitude, so that it has no upper bound:
+    2556 % is a reduction of 96.2 %.
+    """
+    return (uncontrolled - controlled) / controlled * 100.0 if controlled else math.inf
+
+
+def reduction_db(uncontrolled: float, controlled: float) -> float:
+    """Return how far the amplitude lies below the uncontrolled one, ``20 log10(vA1/vA2)`` [dB]."""
+    return 20.0 * math.log10(uncontrolled / controlled) if controlled else math.inf
+
+
+def last_periods(t: ArrayLike, omega: float, periods: int = 5) -> slice:
+    """Return the samples of the last whole periods of a motion.
+
+    Parameters
+    ----------
+    t : array_like (k,)
+        Evenly spaced times [s].
+    omega : float
+        Frequency of the motion [rad/s].
+    periods : int
+        How many periods.
+
+    Returns
+    -------
+    slice
+
+    Raises
+    ------
+    ValueError
+        If the record is shorter than that.
+    """
+    time = np.asarray(t, dtype=np.float64)
+    length = whole("periods", periods) * 2.0 * math.pi / positive("omega", omega, "rad/s")
+    dt = (time[-1] - time[0]) / (len(time) - 1)
+    count = math.ceil(length / dt - 1e-9)
+    if count > len(time):
+        raise ValueError(
+            f"record must hold {periods} periods ({length:.3g} s), got {time[-1] - time[0]:.3g} s; "
+            "simulate longer"
+        )
+    return slice(len(time) - count, len(time))
+
+
+def steady_amplitude(t: ArrayLike, x: ArrayLike, omega: float, periods: int = 5) -> float:
+    """Return the largest ``|x|`` over the last whole periods [m] (arguments: `last_periods`)."""
+    return float(np.max(np.abs(np.asarray(x)[last_periods(t, omega, periods)])))
+
+
+def rms(values: ArrayLike) -> float:
+    """Return the root mean square of `values`, array (k,), in their own unit."""
+    array = np.asarray(values, dtype=np.float64)
+    return float(np.sqrt(np.mean(array * array)))
+
+
+def settling_time(t: ArrayLike, envelope: ArrayLike, band: float = 0.05) -> float:
+    """Return when an envelope enters the band around its final value for good.
+
+    Parameters
+    ----------
+    t : array_like (k,)
+        Times [s].
+    envelope : array_like (k,)
+        Envelope amplitude [m].
+    band : float
+        Half width of the band, as a share of the distance from first to final value [-].
+
+    Returns
+    -------
+    float
+        Time since `t[0]` [s].
+    """
+    time = np.asarray(t, dtype=np.float64)
+    values = np.asarray(envelope, dtype=np.float64)
+    final = float(np.mean(values[-max(1, len(values) // 20) :]))
+    width = band * abs(float(values[0]) - final)
+    outside = np.flatnonzero(np.abs(values - final) > width)
+    last = int(outside[-1]) + 1 if outside.size else 0
+    return float(time[min(last, len(time) - 1)] - time[0])
