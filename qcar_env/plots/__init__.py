@@ -1,0 +1,1 @@
+"""Figures: functions that take data and axes. The only place with matplotlib."""

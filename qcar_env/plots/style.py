@@ -1,0 +1,83 @@
+"""One look for all figures: a colour and a line for each law, sizes for print.
+
+The colours are those of Okabe and Ito (Color Universal Design, 2008), told apart by colour-blind
+readers; each law also has its own line, so that a grey print can be read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from types import MappingProxyType
+from typing import NamedTuple
+
+import matplotlib as mpl
+
+
+class Line(NamedTuple):
+    """How one law is drawn."""
+
+    color: str
+    linestyle: str | tuple[int, tuple[int, ...]]
+    label: str
+
+
+LINES: Mapping[str, Line] = MappingProxyType(
+    {
+        "none": Line("#000000", "-", "no control"),
+        "cnvc": Line("#0072B2", "-", "CNVC"),
+        "lnvc": Line("#E69F00", (0, (6, 2)), "LNVC"),
+        "ppf": Line("#CC79A7", (0, (1, 1)), "PPF"),
+        "ndf": Line("#009E73", (0, (4, 1, 1, 1)), "NDF"),
+        "pd": Line("#56B4E9", (0, (3, 2)), "PD"),
+        "learned": Line("#D55E00", "-", "learned"),
+        "optimum": Line("#7F7F7F", (0, (2, 2)), "optimum"),
+    }
+)
+
+# Laws beyond the paper's, in the order in which they are drawn.
+OTHERS = ("#882255", "#44AA99", "#999933", "#AA4499", "#332288", "#117733", "#661100", "#DDCC77")
+
+SINGLE_COLUMN = 3.5  # [in] width of a figure in one column of a journal
+DOUBLE_COLUMN = 7.2  # [in] width over both columns
+
+SETTINGS = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.labelsize": 8.0,
+    "legend.fontsize": 7.0,
+    "xtick.labelsize": 7.0,
+    "ytick.labelsize": 7.0,
+    "axes.linewidth": 0.6,
+    "axes.grid": True,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.4,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.0,
+    "legend.frameon": False,
+    "figure.constrained_layout.use": True,
+    "figure.dpi": 100.0,
+    "savefig.dpi": 200.0,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "qcar_env",  # the same figure gives the same file
+    "pdf.fonttype": 42,
+}
+
+
+def line(law: str) -> Line:
+    """Return how `law` is drawn; a law without a colour of its own gets a fixed other one."""
+    key = law.lower()
+    if key in LINES:
+        return LINES[key]
+    return Line(OTHERS[sum(key.encode()) % len(OTHERS)], "-", law)
+
+
+@contextmanager
+def journal() -> Iterator[None]:
+    """Draw everything inside in the settings of this file."""
+    with mpl.rc_context(SETTINGS):
+        yield
