@@ -25,7 +25,7 @@ Validity. First order in damping, coupling, force and detuning over frequency. A
 simulations of the full equations with the calibrated preset: 1-2 % for ``|sigma| <= 1``, below 5 %
 to 5, 10 % at 10, 19 % at 20 rad/s (`form="frozen"`). A law with a filter (PPF, NDF) enters with
 its filter in steady state: the fixed points are right, the averaged stability says nothing about
-the filter's own modes (`qcar_env.analysis.stability.floquet` does).
+the filter's own modes (Floquet multipliers do, see `qcar_env.analysis.periodic_orbit`).
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from qcar_env.analysis.forced_car import ForcedCar, ForcedCars, Gains, stack
+from qcar_env.analysis.hardening import Hardening
 from qcar_env.control.cnvc import CNVC
 from qcar_env.control.law import REST
 from qcar_env.control.lnvc import LNVC
@@ -331,6 +332,14 @@ def describe_ndf(a1: Array, a2: Array, w1: Array, w2: Array, gains: Any) -> Any:
     )
 
 
+def describe_hardening(a1: Array, a2: Array, w1: Array, w2: Array, gains: Any) -> Any:
+    """Return ``D_i = -(3/4) (alpha_i + i G_i omega^3) a_i^2`` [1/s^2]."""
+    return (
+        -0.75 * (gains.alpha1 + 1j * gains.G1 * w1 * w1 * w1) * a1 * a1,
+        -0.75 * (gains.alpha2 + 1j * gains.G2 * w2 * w2 * w2) * a2 * a2,
+    )
+
+
 DESCRIBING_FUNCTIONS: dict[type, Callable[[Array, Array, Array, Array, Any], Any]] = {
     Passive: describe_none,
     CNVC: describe_cnvc,
@@ -338,6 +347,7 @@ DESCRIBING_FUNCTIONS: dict[type, Callable[[Array, Array, Array, Array, Any], Any
     PD: describe_pd,
     PPF: describe_ppf,
     NDF: describe_ndf,
+    Hardening: describe_hardening,
 }
 
 

@@ -52,8 +52,8 @@ def newton(
 
     Notes
     -----
-    A step that does not lessen the residual is halved, up to ten times. A singular Jacobian ends
-    the column, unconverged.
+    A step that does not lessen the residual is halved, up to ten times; a column that does not get
+    better then, or meets a singular Jacobian, ends unconverged.
     """
     z = np.array(z, dtype=float)
     m, n = z.shape
@@ -77,6 +77,8 @@ def newton(
             if not np.any(worse):
                 break
             length = np.where(worse, length / 2.0, length)
+        dead |= worse  # a minimum of the residual that is no root
+        step[:, dead] = 0.0
         z = z + length * step
         error = np.where(converged | dead, error, trial_error)
         moved = np.max(np.abs(step), axis=0)
