@@ -61,11 +61,15 @@ def whole(name: str, value: int, least: int = 1) -> int:
     ValueError
         If it is not a whole number of at least `least`.
     """
-    if isinstance(value, bool) or not isinstance(value, int) and int(value) != value:
+    try:
+        number = math.nan if isinstance(value, (bool, str)) else int(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if number != value:
         raise ValueError(f"{name} must be a whole number, got {value!r}; give {least} or more")
-    if value < least:
+    if number < least:
         raise ValueError(f"{name} must be at least {least}, got {value}; give {least} or more")
-    return int(value)
+    return int(number)
 
 
 def known(kind: str, name: str, names: Iterable[str]) -> str:
@@ -79,9 +83,10 @@ def known(kind: str, name: str, names: Iterable[str]) -> str:
     choices = sorted(names)
     if name in choices:
         return name
-    near = difflib.get_close_matches(str(name), choices, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    raise ValueError(f"unknown {kind} {name!r}{hint} Known: {', '.join(choices)}")
+    lower = {choice.lower(): choice for choice in choices}
+    near = difflib.get_close_matches(str(name).lower(), lower, n=1)
+    hint = f"; did you mean {lower[near[0]]!r}?" if near else "."
+    raise ValueError(f"unknown {kind} {name!r}{hint} Known: {', '.join(choices) or 'none'}")
 
 
 def _number(name: str, value: float, unit: str) -> float:

@@ -1,0 +1,86 @@
+"""Random cars, roads, forces and states: `@given(...)` draws them from a test's annotations.
+
+The examples are the same on every run, so that a failure belongs to the code and not to the day;
+`pytest --hypothesis-profile=explore` draws new ones, and more of them.
+"""
+
+from hypothesis import settings
+from hypothesis import strategies as st
+
+from qcar_env.physics import roads
+from qcar_env.physics.car import QuarterCar
+from qcar_env.physics.external_force import ExternalForce
+from qcar_env.physics.roads import Road
+from qcar_env.physics.state import Filter, State
+
+settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=50)
+settings.register_profile("explore", deadline=None, max_examples=1000)
+settings.load_profile("repeatable")
+
+
+def between(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high, allow_nan=False, allow_infinity=False)
+
+
+# A light car to a bus, as in print: 20 to 500 kg, 150 to 3000 kg; dampers down to none.
+PHYSICAL = {
+    "m1": between(20.0, 500.0),
+    "m2": between(150.0, 3_000.0),
+    "k1": between(5e4, 6e5),
+    "k2": between(5e3, 1e5),
+    "c1": between(0.0, 2e4),
+    "c2": between(0.0, 1e4),
+}
+# Around the paper's preset, each coefficient by itself.
+COEFFICIENTS = {
+    "omega1": between(10.0, 100.0),
+    "omega2": between(5.0, 100.0),
+    "b1": between(0.0, 50.0),
+    "b2": between(0.0, 10.0),
+    "E1": between(0.0, 20.0),
+    "E2": between(0.0, 10.0),
+    "E3": between(0.0, 20.0),
+    "mu1": between(0.0, 5_000.0),
+    "mu2": between(0.0, 50.0),
+}
+HUMP = {"h": between(-0.2, 0.2), "omega": between(1.0, 100.0), "start": between(-1.0, 1.0)}
+
+st.register_type_strategy(
+    QuarterCar,
+    st.one_of(
+        st.builds(QuarterCar.from_physical, **PHYSICAL, reciprocal=st.booleans()),
+        st.builds(QuarterCar, **COEFFICIENTS),
+    ),
+)
+st.register_type_strategy(
+    Road,
+    st.one_of(
+        st.builds(roads.harmonic, h=HUMP["h"], omega=HUMP["omega"]),
+        st.builds(roads.hump, **HUMP),
+        st.builds(roads.train, **HUMP, count=st.integers(1, 5), gap=between(0.0, 3.0)),
+        st.builds(roads.step, h=HUMP["h"], start=HUMP["start"]),
+    ),
+)
+st.register_type_strategy(
+    ExternalForce, st.builds(ExternalForce, f=between(-50.0, 50.0), Omega=between(0.0, 100.0))
+)
+st.register_type_strategy(
+    State,
+    st.builds(
+        State,
+        x1=between(-1.0, 1.0),
+        x2=between(-1.0, 1.0),
+        v1=between(-50.0, 50.0),
+        v2=between(-50.0, 50.0),
+    ),
+)
+st.register_type_strategy(
+    Filter,
+    st.builds(
+        Filter,
+        eta1=between(-1.0, 1.0),
+        eta2=between(-1.0, 1.0),
+        eta1_dot=between(-50.0, 50.0),
+        eta2_dot=between(-50.0, 50.0),
+    ),
+)
