@@ -149,10 +149,10 @@ def simulate(
     record = np.empty((count, 6, cases.n))
     slabs = engine.slabs(cases.rows(step, np.full(cases.n, float(engine.NEVER))))
     cases.run(slabs, step, steps, every, record)
-    diverged = ~(np.abs(record[-1, :4]) <= DIVERGED).all(axis=0)
+    diverged = _has_diverged(record[-1, :4])
     if on_divergence == "raise":
         _refuse_divergence(diverged, duration)
-    t = np.arange(count) * every * step
+    t = np.arange(count, dtype=np.float64) * every * float(step)
     shape = (count, cases.n) if cases.many else (count,)
     columns = (np.ascontiguousarray(record[:, i]).reshape(shape) for i in range(6))
     x1, x2, v1, v2, u1, u2 = columns
@@ -219,7 +219,7 @@ def steady_amplitudes(
     final = engine.from_slabs(slabs, cases.n)
     peaks = final[engine.PEAKS : engine.PEAKS + 4]
     squares = final[engine.SQUARES : engine.SQUARES + 2]
-    diverged = ~(np.abs(final[engine.PLANT : engine.PLANT + 4]) <= DIVERGED).all(axis=0)
+    diverged = _has_diverged(final[engine.PLANT : engine.PLANT + 4])
     if on_divergence == "raise":
         _refuse_divergence(diverged, duration)
     values = np.concatenate([peaks, np.sqrt(squares / measured)])
@@ -373,7 +373,8 @@ class _Cases:
         filter_rate = law.filter_rate or closed_loop.no_filter
         size = 4 if law.filter_rate is None else 8
         car = Coefficients(*np.array([each.coefficients for each in self.cars]).T)
-        gains = type(law.gains)(*np.array([tuple(each.gains) for each in self.laws]).T)
+        kind: Callable[..., Any] = type(law.gains)
+        gains = kind(*np.array([tuple(each.gains) for each in self.laws]).T)
         limits = closed_loop.Limits(*np.array(self.limits).T)
         about = np.array([_flat(each) for each in states]).T
         still = Forcing(0.0, 0.0, 0.0)
@@ -436,6 +437,10 @@ def _checked_limit(limit: tuple[float, float]) -> tuple[float, float]:
     return positive("force_limit u1", limit[0], "m/s^2"), positive(
         "force_limit u2", limit[1], "m/s^2"
     )
+
+
+def _has_diverged(x: Array) -> NDArray[np.bool_]:
+    return np.logical_not(np.all(np.abs(x) <= DIVERGED, axis=0, keepdims=True))[0]
 
 
 def _refuse_divergence(diverged: NDArray[np.bool_], duration: float) -> None:

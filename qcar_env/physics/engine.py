@@ -11,6 +11,9 @@ happens to few cars at a time (a kink of the road) is done for those cars one by
 No fast-math: a car gets the same bits as in plain Python, whatever its neighbours.
 """
 
+# pyright: basic, reportArgumentType=false
+# numba has no types for what it compiles.
+
 from __future__ import annotations
 
 import hashlib
@@ -125,12 +128,10 @@ def source_stamp(*functions: Callable[..., Any]) -> str:
 
 def kernel(function: Any) -> Any:
     """Compile `function` for calls from Python: cached on disk, free of the interpreter's lock."""
-    options = {"cache": True, "nogil": True, "boundscheck": False, "error_model": "numpy"}
-    return numba.njit(**options)(function)
+    return numba.njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")(function)
 
 
-@intrinsic(prefer_literal=True)
-def load(typingctx: Any, slab: Any, row: Any, lane: Any, kind: Any) -> Any:
+def _load(typingctx: Any, slab: Any, row: Any, lane: Any, kind: Any) -> Any:
     """Return quantities `row`, `row` + 1, ... of car `lane` as a `kind`, a NamedTuple class."""
     cls = kind.instance_class
     size = len(cls._fields)
@@ -147,8 +148,7 @@ def load(typingctx: Any, slab: Any, row: Any, lane: Any, kind: Any) -> Any:
     return made(slab, row, lane, kind), codegen
 
 
-@intrinsic(prefer_literal=True)
-def store(typingctx: Any, slab: Any, row: Any, lane: Any, values: Any) -> Any:
+def _store(typingctx: Any, slab: Any, row: Any, lane: Any, values: Any) -> Any:
     """Write a tuple into quantities `row`, `row` + 1, ... of car `lane`."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -172,6 +172,10 @@ def _address(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     )
     offset = builder.mul(row, context.get_constant(types.intp, LANES))
     return builder.gep(builder.gep(slab.data, [lane]), [offset])
+
+
+load: Any = intrinsic(prefer_literal=True)(_load)
+store: Any = intrinsic(prefer_literal=True)(_store)
 
 
 def slabs(rows: Array) -> Array:
@@ -368,7 +372,7 @@ def closed_loop_kernel(
     def run(
         slabs: Any, begin: Any, end: Any, n: Any, step: Any, steps: Any, every: Any, record: Any
     ) -> None:
-        sources  # noqa: B018  part of the cache's key
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
         saved = np.empty((ROAD + 4, LANES))
         for block in range(begin, end):
             z = slabs[block]
