@@ -4,6 +4,11 @@ The examples are the same on every run, so that a failure belongs to the code an
 `pytest --hypothesis-profile=explore` draws new ones, and more of them.
 """
 
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 
@@ -84,3 +89,42 @@ st.register_type_strategy(
         eta2_dot=between(-50.0, 50.0),
     ),
 )
+
+
+@pytest.fixture
+def same_bits() -> Callable[..., None]:
+    """Assert that a function gives the same bits on arrays, tensors and floats, row by row.
+
+    Its arguments are named tuples (or one array) of arrays (n,); so is what it returns.
+    """
+    torch = pytest.importorskip("torch")
+
+    def check(function: Callable[..., Any], *args: Any) -> None:
+        arrays = leaves(function(*args))
+        tensors = leaves(function(*(convert(arg, torch.from_numpy) for arg in args)))
+        for array, tensor in zip(arrays, tensors, strict=True):
+            assert array.dtype == np.float64
+            assert tensor.dtype == torch.float64
+            assert array.tobytes() == tensor.numpy().tobytes()
+        for row in range(len(arrays[0])):
+            floats = leaves(function(*(convert(arg, lambda a: float(a[row])) for arg in args)))  # noqa: B023
+            assert all(type(value) is float for value in floats)
+            expected = np.array([array[row] for array in arrays])
+            assert np.array(floats).tobytes() == expected.tobytes()
+
+    return check
+
+
+def convert(tree: Any, kind: Callable[[Any], Any]) -> Any:
+    """Return a nested named tuple with `kind` applied to every entry."""
+    if isinstance(tree, tuple):
+        entries = [convert(entry, kind) for entry in tree]
+        return type(tree)(*entries) if hasattr(tree, "_fields") else tuple(entries)
+    return kind(tree)
+
+
+def leaves(tree: Any) -> list[Any]:
+    """Return the entries of a nested tuple in order."""
+    if isinstance(tree, tuple):
+        return [leaf for entry in tree for leaf in leaves(entry)]
+    return [tree]
