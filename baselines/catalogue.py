@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from .law_policy import LawPolicy
 from qcar_env.control import LAWS
 from qcar_env.physics.validation import known
-from qcar_env.scenarios import Scenario, scenario as find_scenario
+from qcar_env.scenarios import Scenario
+from qcar_env.scenarios import scenario as find_scenario
+
+from .law_policy import LawPolicy
 
 
 def names() -> tuple[str, ...]:

@@ -147,7 +147,8 @@ def first_order_hold(f: Array, g: Array, dt: float) -> tuple[Array, Array, Array
     Notes
     -----
     G. F. Franklin, J. D. Powell, M. Workman, Digital Control of Dynamic Systems, 3rd ed.,
-    section 6.3.2 (triangle hold): the matrix exponential of ``[[F, G, 0], [0, 0, I/dt], [0, 0, 0]]``.
+    section 6.3.2 (triangle hold): the matrix exponential of
+    ``[[F, G, 0], [0, 0, I/dt], [0, 0, 0]] dt``.
     """
     k, j = g.shape
     m = np.zeros((k + 2 * j, k + 2 * j))

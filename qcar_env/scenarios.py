@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import warnings
 from collections.abc import Mapping
@@ -269,9 +270,7 @@ def check_step(car: QuarterCar, step: float) -> None:
 
 
 @lru_cache(maxsize=1024)
-def reference_amplitudes(
-    car: QuarterCar, road: Road, force: ExternalForce
-) -> tuple[float, float]:
+def reference_amplitudes(car: QuarterCar, road: Road, force: ExternalForce) -> tuple[float, float]:
     """Return the amplitudes of x1 and x2 without control [m].
 
     On a harmonic road those of the steady motion. Where the road ends or steps, the largest
@@ -305,7 +304,7 @@ def _crossing_peaks(car: QuarterCar, road: Road, force: ExternalForce) -> tuple[
     edges = [begin, *road.kinks(begin, last + settle), last + settle]
     x = np.zeros(4)
     peaks = np.zeros(4)
-    for start, end in zip(edges[:-1], edges[1:], strict=True):
+    for start, end in itertools.pairwise(edges):
         count = max(1, math.ceil((end - start) / dt))
         step = linear.exact_transition(car, road, force, (end - start) / count)
         middle = road.phasor(0.5 * (start + end))  # which piece this is

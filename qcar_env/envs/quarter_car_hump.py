@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -15,6 +15,9 @@ from qcar_env.physics.state import State
 from qcar_env.physics.validation import finite, known, positive
 from qcar_env.scenarios import Scenario, draw
 from qcar_env.scenarios import scenario as find_scenario
+
+if TYPE_CHECKING:
+    from qcar_env.envs.rendering import Renderer
 
 
 class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -75,6 +78,13 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     Terminated when a displacement exceeds `travel_limit` reference amplitudes, at the reward
     `reward_travel`; truncated after `duration` seconds. Nothing else ends an episode.
 
+    ## Rendering
+
+    ``render_mode="rgb_array"`` gives frames of 640 x 480 and needs no display, ``"human"`` opens a
+    window (extra `render`). A frame shows the road rolling under the tyre, the forces as arrows,
+    and the envelope amplitudes over the uncontrolled ones. `env.unwrapped.caption = (name,
+    colour)` says who drives. `metadata["render_fps"]` is the real time of ``dt`` = 5 ms.
+
     ## Arguments
 
     ```python
@@ -93,7 +103,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     v0: first version.
     """
 
-    metadata = {"render_modes": [], "render_fps": 200}  # noqa: RUF012 - Gymnasium's interface
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 200}  # noqa: RUF012 - Gymnasium's interface
 
     def __init__(
         self,
@@ -108,7 +118,10 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if render_mode is not None:
             known("render mode", render_mode, self.metadata["render_modes"])
         self.render_mode = render_mode
-        self._observe: task.Observe = known("observe", observe, task.OBSERVE)
+        self.caption = ("", "#0072B2")
+        self._renderer: Renderer | None = None
+        known("observe", observe, task.OBSERVE)
+        self._observe: task.Observe = observe
         self._observe_limit = bool(observe_limit)
         self._force_scale = positive("force_scale", force_scale)
         self._duration = duration
@@ -202,6 +215,9 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._kink = episode.road.next_kink(self._start)
         self._steps = 0
         self._done = False
+        self._action = np.zeros(base.actuator.size)
+        if self.render_mode == "human":
+            self.render()
         return self._observation(), {"force": np.zeros(base.actuator.size), "phase": angle}
 
     def step(
@@ -252,6 +268,9 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._plant,
         )
         self._steps += 1
+        self._action = a
+        if self.render_mode == "human":
+            self.render()
         cost1, cost2 = task.costs(self._x, self._scales)
         terminated = bool(task.out_of_travel(self._x, self._scales))
         truncated = self._steps >= base.steps and not terminated
@@ -265,6 +284,48 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         }
         reward = -float(cost1) - float(cost2) + penalty
         return self._observation(), reward, terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return a frame (480, 640, 3) in the mode "rgb_array"; show it in the mode "human".
+
+        Raises
+        ------
+        ResetNeeded
+            Before the first reset.
+        DependencyNotInstalled
+            If pygame is absent.
+        """
+        if self.render_mode is None:
+            gym.logger.warn("nothing to render: make the environment with render_mode='rgb_array'")
+            return None
+        self._check_running("render")
+        try:
+            from qcar_env.envs import rendering
+        except ImportError as error:
+            raise gym.error.DependencyNotInstalled(
+                "rendering needs pygame; pip install 'qcar_env[render]'"
+            ) from error
+        if self._renderer is None:
+            self._renderer = rendering.Renderer(self.render_mode, 1.0 / self.dt)
+        name, colour = self.caption
+        return self._renderer.render(
+            rendering.Picture(
+                name=name,
+                colour=colour,
+                nominal=self._base,
+                episode=self.episode,
+                time=self.time,
+                elapsed=self._steps * self._base.dt,
+                state=self._x,
+                action=tuple(self._action.tolist()),
+            )
+        )
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
 
     def _observation(self) -> NDArray[np.float32]:
         entries = task.observe(self._x, self._world, self._scales)[: self._size]

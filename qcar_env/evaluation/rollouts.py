@@ -88,7 +88,7 @@ def rollout(
         force[k] = info["force"]
         k += 1
     return Rollout(
-        t=env.dt * np.arange(1, k + 1),
+        t=env.dt * np.arange(1, k + 1, dtype=np.float64),
         x1=states[:k, 0],
         x2=states[:k, 1],
         v1=states[:k, 2],

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from qcar_env.physics.dynamics import Coefficients
 from qcar_env.physics.validation import non_negative, positive
 
-
 UNITS = {  # of every coefficient, for checks and labels
     "omega1": "rad/s",
     "omega2": "rad/s",

@@ -7,6 +7,7 @@ are tested against, and the model that LQR, MPC and the optimum use.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,7 +243,7 @@ def steady_state(car: QuarterCar, road: Road, force: ExternalForce) -> SteadySta
     )
 
 
-def _response(car: QuarterCar, frequency: float, into: Array) -> NDArray[np.complex128]:
+def _response(car: QuarterCar, frequency: float, into: NDArray[Any]) -> NDArray[np.complex128]:
     matrix = 1j * frequency * np.eye(4) - system_matrix(car)
     if not np.any(into):
         return np.zeros(4, dtype=np.complex128)
@@ -251,7 +252,7 @@ def _response(car: QuarterCar, frequency: float, into: Array) -> NDArray[np.comp
             f"no steady state: the forcing at {frequency:g} rad/s meets an undamped mode; "
             "give the car damping or another frequency"
         )
-    return np.linalg.solve(matrix, into)
+    return np.linalg.solve(matrix, into).astype(np.complex128)
 
 
 def _angle(angle: float) -> Phasor:

@@ -134,9 +134,7 @@ def interval(
     time = kink_time(kink, plant.road)
     if time >= end:
         for _ in range(substeps):
-            x, world = substep(
-                x, world, plant.by, plant.amplitudes, plant.step, u1, u2, plant.car
-            )
+            x, world = substep(x, world, plant.by, plant.amplitudes, plant.step, u1, u2, plant.car)
         return x, world, kink
     while time < end:
         x, world = _part(x, world, time - t, substeps, u1, u2, plant)

@@ -151,9 +151,7 @@ class Road:
         if self.profile == "step":
             return RoadPieces(self.h, 0.0, self.start, ENDLESS, 0.0, 1.0)
         pitch = (1.0 + self.gap) * self.duration
-        return RoadPieces(
-            self.h, self.omega, self.start, self.duration, pitch, float(self.count)
-        )
+        return RoadPieces(self.h, self.omega, self.start, self.duration, pitch, float(self.count))
 
     def kinks(self, t_start: float, t_end: float) -> list[float]:
         """Return the times in ``(t_start, t_end)`` [s] at which a piece begins or ends."""

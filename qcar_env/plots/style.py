@@ -6,10 +6,10 @@ readers; each law also has its own line, so that a grey print can be read.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 
@@ -41,7 +41,7 @@ OTHERS = ("#882255", "#44AA99", "#999933", "#AA4499", "#332288", "#117733", "#66
 SINGLE_COLUMN = 3.5  # [in] width of a figure in one column of a journal
 DOUBLE_COLUMN = 7.2  # [in] width over both columns
 
-SETTINGS = {
+SETTINGS: dict[Any, Any] = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 8.0,
@@ -77,7 +77,7 @@ def line(law: str) -> Line:
 
 
 @contextmanager
-def journal() -> Iterator[None]:
+def journal() -> Generator[None, None, None]:
     """Draw everything inside in the settings of this file."""
     with mpl.rc_context(SETTINGS):
         yield

@@ -1,0 +1,110 @@
+"""Time histories of wheel and body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import NDArray
+
+from qcar_env.plots.style import DOUBLE_COLUMN, line
+
+Array = NDArray[np.float64]
+
+
+def displacement(ax: Axes, t: Array, x: Array, law: str) -> Axes:
+    """Draw a displacement against time.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    t, x : ndarray (k,)
+        Time [s] and displacement [m].
+    law : str
+        Name of the law, for its colour.
+    """
+    color = "#BBBBBB" if law == "none" else line(law).color
+    ax.plot(t, x, color=color, linewidth=0.5, rasterized=True)
+    return ax
+
+
+def envelope(ax: Axes, t: Array, x: Array, period: float, law: str) -> Axes:
+    """Draw the largest displacement of each period against time, on a logarithmic axis.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    t, x : ndarray (k,)
+        Evenly spaced times [s] and displacement [m].
+    period : float
+        Period of the motion [s].
+    law : str
+        Name of the law, for its colour.
+    """
+    per_period = max(1, round(period / (t[1] - t[0])))
+    count = len(t) // per_period
+    peaks = np.abs(x[: count * per_period]).reshape(count, per_period).max(axis=1)
+    middles = t[: count * per_period].reshape(count, per_period).mean(axis=1)
+    style = line(law)
+    ax.semilogy(middles, peaks, color=style.color, linestyle=style.linestyle, label=style.label)
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())
+    return ax
+
+
+def comparison(
+    t: Array, histories: Mapping[str, tuple[Array, Array]], period: float, *, shown: float
+) -> Figure:
+    """Draw every law against the uncontrolled motion, and all envelopes together.
+
+    Parameters
+    ----------
+    t : ndarray (k,)
+        Times [s].
+    histories : mapping
+        Displacements ``(x1, x2)`` [m] of each law, arrays (k,); ``none`` is the uncontrolled one.
+    period : float
+        Period of the motion [s].
+    shown : float
+        Length of the time histories that is shown [s].
+
+    Returns
+    -------
+    Figure
+    """
+    laws = [law for law in histories if law != "none"]
+    figure = plt.figure(figsize=(DOUBLE_COLUMN, 5.4))
+    parts: Any = figure.subfigures(2, 1, height_ratios=[3.1, 2.3])
+    upper, lower = parts
+    axes = upper.subplots(2, max(1, len(laws)), sharex=True, sharey="row", squeeze=False)
+    window = t <= shown
+    for row, (symbol, mass) in enumerate((("x_1", "wheel"), ("x_2", "body"))):
+        for ax, law in zip(axes[row], laws, strict=False):
+            if "none" in histories:
+                displacement(ax, t[window], histories["none"][row][window], "none")
+            displacement(ax, t[window], histories[law][row][window], law)
+            ax.grid(False)
+            if row == 0:
+                ax.set_title(line(law).label, color=line(law).color)
+            else:
+                ax.set_xlabel("$t$ [s]")
+        axes[row][0].set_ylabel(f"${symbol}$ ({mass}) [m]")
+    envelopes = lower.subplots(1, 2)
+    for row, (symbol, mass) in enumerate((("x_1", "wheel"), ("x_2", "body"))):
+        ax = envelopes[row]
+        for law, history in histories.items():
+            envelope(ax, t, history[row], period, law)
+        ax.set_xlabel("$t$ [s]")
+        ax.set_ylabel(f"peak of ${symbol}$ ({mass}) [m]")
+        ax.set_xlim(0.0, float(t[-1]))
+    handles, labels = envelopes[0].get_legend_handles_labels()
+    lower.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    return figure

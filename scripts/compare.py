@@ -1,0 +1,288 @@
+"""Compare the paper's control laws: its Table 1, and all of them at the same force limit.
+
+python scripts/compare.py
+python scripts/compare.py --laws none cnvc lnvc --gains lnvc:G1=40,G2=40
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+from baselines import catalogue
+from qcar_env.analysis.table1 import Cell, table1
+from qcar_env.evaluation import storage
+from qcar_env.evaluation.comparison import Outcome, outcome
+from qcar_env.evaluation.rollouts import Rollout, rollout
+from qcar_env.physics.validation import finite, known
+from qcar_env.plots import time_history
+from qcar_env.plots.style import journal
+from qcar_env.scenarios import SCENARIOS, Scenario
+from qcar_env.scenarios import scenario as find_scenario
+
+STEADY = 60.0  # [s] from rest; the paper's slow mode has a time constant of 4.8 s
+SHOWN = 10.0  # [s] of the time histories in the figure
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the comparison and write its results; return the exit status."""
+    arguments = _parse(argv)
+    try:
+        compare(
+            scenario=arguments.scenario,
+            laws=arguments.laws,
+            gains=_gains(arguments.gains),
+            force_limit=arguments.force_limit,
+            duration=arguments.duration,
+            out=arguments.out,
+        )
+    except ValueError as error:
+        print(f"compare: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def compare(
+    *,
+    scenario: str,
+    laws: Sequence[str],
+    gains: dict[str, dict[str, float]],
+    force_limit: Sequence[float] | None,
+    duration: float | None,
+    out: Path,
+) -> None:
+    """Print both tables and write `table.csv`, `result.json` and the figure to `out`."""
+    base = find_scenario(scenario)
+    if force_limit is not None:
+        actuator = dataclasses.replace(base.actuator, limit=tuple(force_limit))
+        base = dataclasses.replace(base, actuator=actuator)
+    harmonic = base.road.profile == "harmonic"
+    length = duration or (STEADY if harmonic else base.duration)
+    policies = {name: catalogue.make(name, base, **gains.get(name, {})) for name in laws}
+    for name in gains:
+        known("law with gains", name, policies)
+
+    cells: tuple[Cell, ...] = ()
+    if harmonic:
+        _progress(
+            "Table 1: simulating in continuous time (the first time, compiling: half a minute)"
+        )
+        cells = table1(base, duration=length)
+        _print_table1(cells)
+
+    rollouts: dict[str, Rollout] = {}
+    for count, (name, policy) in enumerate(policies.items(), start=1):
+        _progress(f"rolling out {name} ({count} of {len(policies)})")
+        rollouts[name] = rollout(policy, base, duration=length)
+    outcomes = [outcome(name, each, base.reference_amplitudes) for name, each in rollouts.items()]
+    _print_outcomes(base, outcomes, length)
+    _write(out, base, length, cells, outcomes, rollouts, gains)
+
+
+def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--scenario",
+        default="paper",
+        help=f"what is crossed: {', '.join(SCENARIOS)} (default: paper)",
+    )
+    parser.add_argument(
+        "--laws",
+        nargs="+",
+        default=list(catalogue.names()),
+        metavar="LAW",
+        help=f"laws to compare (default: {' '.join(catalogue.names())})",
+    )
+    parser.add_argument(
+        "--gains",
+        nargs="+",
+        default=[],
+        metavar="LAW:GAIN=VALUE,...",
+        help="gains that replace the published ones, in the unit of the law, such as "
+        "cnvc:G1=0.5,G2=0.5 [s/m^2]",
+    )
+    parser.add_argument(
+        "--force-limit",
+        nargs="+",
+        type=float,
+        metavar="LIMIT",
+        help="actuator limits instead of the scenario's: wheel and body [m/s^2], or one force [N]",
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        help=f"simulated time from rest [s] (default: {STEADY:g} on an endless road)",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("results/compare"),
+        help="folder for table.csv, result.json and the figure (default: results/compare)",
+    )
+    return parser.parse_args(argv)
+
+
+def _gains(given: Sequence[str]) -> dict[str, dict[str, float]]:
+    found: dict[str, dict[str, float]] = {}
+    for each in given:
+        law, colon, rest = each.partition(":")
+        pairs = [pair.partition("=") for pair in rest.split(",")]
+        if not colon or not all(equals for _, equals, _ in pairs):
+            raise ValueError(f"gains must look like cnvc:G1=0.5,G2=0.5, got {each!r}")
+        found[law] = {name: finite(f"gain {name}", _number(value)) for name, _, value in pairs}
+    return found
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"a gain must be a number, got {text!r}") from None
+
+
+def _print_table1(cells: Sequence[Cell]) -> None:
+    print("Table 1 of the paper: the law acts at every instant, forces are not limited\n")
+    rows = [["law", "G", "mass", "no control [m]", "controlled [m]", "difference [m]"]]
+    rows[0] += ["error [%]", "paper [%]", "ratio / paper's"]
+    for cell in cells:
+        rows.append(
+            [
+                cell.law,
+                f"{cell.gain:g}",
+                f"x{cell.mass}",
+                f"{cell.uncontrolled:.3f}",
+                f"{cell.controlled:.4f}",
+                f"{cell.absolute_error:.3f}",
+                f"{cell.percentage_error:.0f}",
+                f"{cell.printed:g}",
+                f"{cell.agreement:.2f}",
+            ]
+        )
+    _print_rows(rows, left=3)
+    print("\nerror: (no control - controlled) / controlled, as the paper defines it")
+    print("ratio: no control / controlled, ours over the paper's\n")
+
+
+def _print_outcomes(scenario: Scenario, outcomes: Sequence[Outcome], duration: float) -> None:
+    limits = " and ".join(f"{value:g}" for value in scenario.actuator.limit)
+    unit = scenario.actuator.unit
+    print(
+        f"Scenario {scenario.name}: the law acts every {scenario.dt * 1e3:g} ms, every force is "
+        f"limited to {limits} {unit}, {duration:g} s from rest\n"
+    )
+    rows = [["law", "x1 [m]", "x2 [m]", "error x1 [%]", "error x2 [%]"]]
+    rows[0] += ["x1 [dB]", "x2 [dB]", f"peak force [{unit}]", f"RMS force [{unit}]"]
+    for each in outcomes:
+        rows.append(
+            [
+                each.policy + (" (left the travel limit)" if each.terminated else ""),
+                *(f"{value:.4f}" for value in each.amplitudes),
+                *(f"{round(value) + 0:d}" for value in each.percentage_errors),
+                *(f"{round(-value, 1) + 0.0:.1f}" for value in each.reductions),
+                " / ".join(f"{value:.1f}" for value in each.peak_force),
+                " / ".join(f"{value:.1f}" for value in each.rms_force),
+            ]
+        )
+    _print_rows(rows, left=1)
+    print("\ndB: amplitude relative to no control; forces: wheel / body\n")
+
+
+def _print_rows(rows: Sequence[Sequence[str]], left: int) -> None:
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    for number, row in enumerate(rows):
+        cells = [
+            cell.ljust(width) if i < left else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        print("  ".join(cells).rstrip())
+        if number == 0:
+            print("  ".join("-" * width for width in widths))
+
+
+def _write(
+    out: Path,
+    scenario: Scenario,
+    duration: float,
+    cells: Sequence[Cell],
+    outcomes: Sequence[Outcome],
+    rollouts: dict[str, Rollout],
+    gains: dict[str, dict[str, float]],
+) -> None:
+    rows = [
+        {
+            "law": each.policy,
+            "x1_m": each.amplitudes[0],
+            "x2_m": each.amplitudes[1],
+            "error_x1_percent": each.percentage_errors[0],
+            "error_x2_percent": each.percentage_errors[1],
+            "reduction_x1_db": each.reductions[0],
+            "reduction_x2_db": each.reductions[1],
+            "rho": each.rho,
+            "peak_force": " ".join(f"{value:.6g}" for value in each.peak_force),
+            "rms_force": " ".join(f"{value:.6g}" for value in each.rms_force),
+            "terminated": each.terminated,
+        }
+        for each in outcomes
+    ]
+    storage.write_csv(out / "table.csv", rows)
+    result: dict[str, Any] = {
+        "command": storage.command(),
+        "versions": storage.versions(),
+        "scenario": dataclasses.asdict(scenario),
+        "duration_s": duration,
+        "start": "at rest, phase 0; nothing is drawn, so there is no seed",
+        "gains": {
+            name: {**catalogue.describe(name)["gains"], **gains.get(name, {})} for name in rollouts
+        },
+        "table1": [
+            {
+                **dataclasses.asdict(cell),
+                "absolute_error": cell.absolute_error,
+                "percentage_error": cell.percentage_error,
+                "agreement": cell.agreement,
+            }
+            for cell in cells
+        ],
+        "policies": rows,
+    }
+    storage.write_json(out / "result.json", result)
+    complete = {name: each for name, each in rollouts.items() if not each.terminated}
+    files = ["table.csv", "result.json"]
+    if complete:
+        _draw(out, scenario, complete)
+        files += ["time_histories.png", "time_histories.pdf"]
+    print(f"written to {out}: {', '.join(files)}")
+
+
+def _draw(out: Path, scenario: Scenario, rollouts: dict[str, Rollout]) -> None:
+    period = 2.0 * math.pi / scenario.reference_frequency
+    first = next(iter(rollouts.values()))
+    with journal():
+        figure = time_history.comparison(
+            first.t,
+            {name: (each.x1, each.x2) for name, each in rollouts.items()},
+            period,
+            shown=min(SHOWN, float(first.t[-1])),
+        )
+        for suffix in (".png", ".pdf"):
+            with storage.replacing(out / f"time_histories{suffix}") as temporary:
+                figure.savefig(temporary)
+
+
+def _progress(text: str) -> None:
+    """Say on the error stream what is being done, so that the tables can be piped."""
+    print(f"... {text}", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    matplotlib.use("Agg")
+    sys.exit(main())
