@@ -24,7 +24,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -373,8 +373,7 @@ class _Cases:
         filter_rate = law.filter_rate or closed_loop.no_filter
         size = 4 if law.filter_rate is None else 8
         car = Coefficients(*np.array([each.coefficients for each in self.cars]).T)
-        kind: Callable[..., Any] = type(law.gains)
-        gains = kind(*np.array([tuple(each.gains) for each in self.laws]).T)
+        gains = cast("Callable[..., Any]", type(law.gains))(*np.array([tuple(each.gains) for each in self.laws]).T)
         limits = closed_loop.Limits(*np.array(self.limits).T)
         about = np.array([_flat(each) for each in states]).T
         still = Forcing(0.0, 0.0, 0.0)

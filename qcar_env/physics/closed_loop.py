@@ -73,6 +73,13 @@ def memoryless_rate(x: Any, forcing: Any, command: Any, gains: Any, car: Any) ->
     return rate(x, forcing, u1, u2, car)
 
 
+def unlimited_rate(
+    state: Any, forcing: Any, command: Any, filter_rate: Any, gains: Any, limits: Any, car: Any
+) -> ControlledState:
+    """Return the same; `limits` are not looked at."""
+    return controlled_rate(state, forcing, command, filter_rate, gains, car)
+
+
 def saturated_rate(
     state: Any, forcing: Any, command: Any, filter_rate: Any, gains: Any, limits: Any, car: Any
 ) -> ControlledState:

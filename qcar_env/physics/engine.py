@@ -41,6 +41,7 @@ from qcar_env.physics.closed_loop import (
     no_filter,
     saturate,
     saturated_rate,
+    unlimited_rate,
 )
 from qcar_env.physics.dynamics import Coefficients
 from qcar_env.physics.forcing import Amplitudes, World, turn_world
@@ -88,6 +89,7 @@ for _each in (
     saturate,
     controlled_rate,
     saturated_rate,
+    unlimited_rate,
     no_filter,
     advance_controlled,
 ):
@@ -367,6 +369,7 @@ def closed_loop_kernel(
     remembers = filter_rate is not None
     compiled(command)
     filtering = compiled(filter_rate) if remembers else no_filter
+    closing = saturated_rate if saturated else unlimited_rate
 
     @kernel
     def run(
@@ -432,36 +435,20 @@ def closed_loop_kernel(
                     amplitudes = load(z, AMPLITUDES, j, Amplitudes)
                     gains = load(z, GAINS, j, kind)
                     car = load(z, CAR, j, Coefficients)
-                    x = ControlledState(plant, eta)
-                    if saturated:
-                        x, world = forced_step(
-                            saturated_rate,
-                            advance_controlled,
-                            x,
-                            world,
-                            by,
-                            amplitudes,
-                            step,
-                            command,
-                            filtering,
-                            gains,
-                            load(z, LIMITS, j, Limits),
-                            car,
-                        )
-                    else:
-                        x, world = forced_step(
-                            controlled_rate,
-                            advance_controlled,
-                            x,
-                            world,
-                            by,
-                            amplitudes,
-                            step,
-                            command,
-                            filtering,
-                            gains,
-                            car,
-                        )
+                    x, world = forced_step(
+                        closing,
+                        advance_controlled,
+                        ControlledState(plant, eta),
+                        world,
+                        by,
+                        amplitudes,
+                        step,
+                        command,
+                        filtering,
+                        gains,
+                        load(z, LIMITS, j, Limits),
+                        car,
+                    )
                     store(z, PLANT, j, x.plant)
                     if remembers:
                         store(z, FILTER, j, x.filter)
@@ -478,7 +465,7 @@ def closed_loop_kernel(
                         plant = load(z, PLANT, j, State)
                         eta = load(z, FILTER, j, Filter) if remembers else REST
                         x, world, kink = forced_step_over_kinks(
-                            saturated_rate,
+                            closing,
                             advance_controlled,
                             ControlledState(plant, eta),
                             World(load(z, ROAD, j, Phasor), load(z, FORCE, j, Phasor)),
