@@ -29,6 +29,7 @@ from qcar_env.physics.validation import finite, known, non_negative, positive, w
 Profile = Literal["harmonic", "hump", "train", "step"]
 ENDLESS = 1e300  # [s] duration of a step; finite, so that 0 * ENDLESS is 0
 PROFILES: tuple[Profile, ...] = ("harmonic", "hump", "train", "step")
+COUNTS: dict[str, int] = {"harmonic": 0, "hump": 1, "step": 1}  # a train has any number
 
 
 class Phasor(NamedTuple):
@@ -102,7 +103,7 @@ class Road:
     gap : float
         Flat stretch between the humps of a train, in lengths of a hump [-].
     count : int
-        Number of humps.
+        Number of humps: 0 for a harmonic road, 1 for a hump or a step.
 
     Raises
     ------
@@ -123,7 +124,13 @@ class Road:
         finite("hump height h", self.h, "m")
         finite("start", self.start, "s")
         non_negative("gap", self.gap)
-        whole("count", self.count, least=0)
+        if self.profile == "train":
+            whole("count", self.count)
+        elif self.count != COUNTS[self.profile]:
+            raise ValueError(
+                f"count of a {self.profile} road must be {COUNTS[self.profile]}, "
+                f"got {self.count}; make the road with roads.{self.profile}"
+            )
         if self.profile == "step":
             if self.omega != 0.0:
                 raise ValueError(f"a step has no frequency, got omega={self.omega} rad/s; give 0")

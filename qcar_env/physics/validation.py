@@ -17,7 +17,7 @@ def finite(name: str, value: float, unit: str = "-") -> float:
     """
     number = _number(name, value, unit)
     if not math.isfinite(number):
-        raise ValueError(f"{name} must be finite, got {number} {unit}; give a finite number")
+        raise ValueError(f"{name} must be finite, got {number}{_unit(unit)}; give a finite number")
     return number
 
 
@@ -31,8 +31,9 @@ def positive(name: str, value: float, unit: str = "-") -> float:
     """
     number = finite(name, value, unit)
     if number <= 0.0:
+        unit = _unit(unit)
         raise ValueError(
-            f"{name} must be positive, got {number:g} {unit}; give a value above 0 {unit}"
+            f"{name} must be positive, got {number:g}{unit}; give a value above 0{unit}"
         )
     return number
 
@@ -47,9 +48,8 @@ def non_negative(name: str, value: float, unit: str = "-") -> float:
     """
     number = finite(name, value, unit)
     if number < 0.0:
-        raise ValueError(
-            f"{name} must not be negative, got {number:g} {unit}; give 0 {unit} or more"
-        )
+        unit = _unit(unit)
+        raise ValueError(f"{name} must not be negative, got {number:g}{unit}; give 0{unit} or more")
     return number
 
 
@@ -90,9 +90,14 @@ def known(kind: str, name: str, names: Iterable[str]) -> str:
 
 
 def _number(name: str, value: float, unit: str) -> float:
-    if isinstance(value, (bool, str)):
-        raise ValueError(f"{name} must be a number in {unit}, got {value!r}")
     try:
-        return float(value)
+        if not isinstance(value, (bool, str)):
+            return float(value)
     except (TypeError, ValueError):
-        raise ValueError(f"{name} must be a number in {unit}, got {value!r}") from None
+        pass
+    kind = "a number" if unit == "-" else f"a number in {unit}"
+    raise ValueError(f"{name} must be {kind}, got {value!r}; give a finite number")
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "-" else f" {unit}"

@@ -32,6 +32,15 @@ def test_a_negative_number_is_named_with_value_range_and_remedy(value: float):
         validation.non_negative("m1", value, "kg")
 
 
+def test_a_number_without_a_unit_is_named_without_one():
+    with pytest.raises(ValueError, match=r"^gap must not be negative, got -1; give 0 or more$"):
+        validation.non_negative("gap", -1.0)
+    with pytest.raises(ValueError, match=r"^zeta must be positive, got 0; give a value above 0$"):
+        validation.positive("zeta", 0.0)
+    with pytest.raises(ValueError, match=r"^gap must be a number, got None; give a finite number$"):
+        validation.finite("gap", None)
+
+
 def test_zero_is_not_positive_and_not_negative():
     with pytest.raises(ValueError, match="L must be positive, got 0 m; give a value above 0 m"):
         validation.positive("L", 0.0, "m")
@@ -48,7 +57,7 @@ def test_what_is_not_finite_is_refused(check, value):
 @pytest.mark.parametrize("check", [validation.finite, validation.positive, validation.non_negative])
 @pytest.mark.parametrize("value", NOT_NUMBERS)
 def test_what_is_not_a_number_is_refused(check, value):
-    with pytest.raises(ValueError, match="h must be a number in m, got "):
+    with pytest.raises(ValueError, match=r"h must be a number in m, got .*; give a finite number"):
         check("h", value, "m")
 
 
