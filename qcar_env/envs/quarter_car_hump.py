@@ -17,7 +17,7 @@ from qcar_env.scenarios import Scenario, draw
 from qcar_env.scenarios import scenario as find_scenario
 
 if TYPE_CHECKING:
-    from qcar_env.envs.rendering import Renderer
+    from qcar_env.envs.rendering import Picture, Renderer
 
 
 class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -298,27 +298,40 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self.render_mode is None:
             gym.logger.warn("nothing to render: make the environment with render_mode='rgb_array'")
             return None
+        picture = self.picture()
+        if self._renderer is None:
+            from qcar_env.envs.rendering import Renderer
+
+            self._renderer = Renderer(self.render_mode, 1.0 / self.dt)
+        return self._renderer.render(picture)
+
+    def picture(self) -> Picture:
+        """Return what a frame shows, for a `qcar_env.envs.rendering.Painter` of one's own.
+
+        Raises
+        ------
+        ResetNeeded
+            Before the first reset.
+        DependencyNotInstalled
+            If pygame is absent.
+        """
         self._check_running("render")
         try:
-            from qcar_env.envs import rendering
+            from qcar_env.envs.rendering import Picture
         except ImportError as error:
             raise gym.error.DependencyNotInstalled(
                 "rendering needs pygame; pip install 'qcar_env[render]'"
             ) from error
-        if self._renderer is None:
-            self._renderer = rendering.Renderer(self.render_mode, 1.0 / self.dt)
         name, colour = self.caption
-        return self._renderer.render(
-            rendering.Picture(
-                name=name,
-                colour=colour,
-                nominal=self._base,
-                episode=self.episode,
-                time=self.time,
-                elapsed=self._steps * self._base.dt,
-                state=self._x,
-                action=tuple(self._action.tolist()),
-            )
+        return Picture(
+            name=name,
+            colour=colour,
+            nominal=self._base,
+            episode=self.episode,
+            time=self.time,
+            elapsed=self._steps * self._base.dt,
+            state=self._x,
+            action=tuple(self._action.tolist()),
         )
 
     def close(self) -> None:

@@ -79,6 +79,8 @@ class Picture:
         Plant, four floats in SI units.
     action : tuple of float
         Force over its limit, one for each actuator [-].
+    note : str
+        What else the second line says.
     """
 
     name: str
@@ -89,6 +91,7 @@ class Picture:
     elapsed: float
     state: State
     action: tuple[float, ...]
+    note: str = ""
 
     @property
     def levels(self) -> tuple[float, float]:
@@ -155,7 +158,7 @@ class Painter:
     def draw(self, picture: Picture) -> Frame:
         """Return a frame, array (height, width, 3) of the caller's own."""
         self._remember(picture)
-        key = (picture.name, picture.colour, picture.nominal)
+        key = (picture.name, picture.colour, picture.note, picture.nominal)
         if self._still is None or self._still[0] != key:
             self._still = (key, self._background(picture))
         self._surface.blit(self._still[1], (0, 0))
@@ -206,6 +209,8 @@ class Painter:
         note = f"scenario {picture.nominal.name}"
         if sizes.road > 1.0:
             note += f", road drawn {sizes.road:g} x higher"
+        if picture.note:
+            note += f", {picture.note}"
         self._text(surface, note, 17, _QUIET, (16 * unit, 42 * unit))
 
         length = sizes.displacement * sizes.bar * unit
