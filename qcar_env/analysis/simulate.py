@@ -351,7 +351,7 @@ class _Cases:
                 raise ValueError(
                     f"step must be below {STABILITY_LIMIT / fastest[worst]:.2g} s for "
                     f"{self.laws[worst].name} {where}{self._label(worst)}, got {step:g} s "
-                    f"(step * |lambda|max = {product:.3g}, RK4 diverges at 2.78); "
+                    f"(step * |lambda|max = {product:.3g}, RK4 is stable up to {STABILITY_LIMIT}); "
                     "give a smaller step or gain"
                 )
         worst = int(np.argmax(at_rest))
@@ -373,7 +373,9 @@ class _Cases:
         filter_rate = law.filter_rate or closed_loop.no_filter
         size = 4 if law.filter_rate is None else 8
         car = Coefficients(*np.array([each.coefficients for each in self.cars]).T)
-        gains = cast("Callable[..., Any]", type(law.gains))(*np.array([tuple(each.gains) for each in self.laws]).T)
+        gains = cast("Callable[..., Any]", type(law.gains))(
+            *np.array([tuple(each.gains) for each in self.laws]).T
+        )
         limits = closed_loop.Limits(*np.array(self.limits).T)
         about = np.array([_flat(each) for each in states]).T
         still = Forcing(0.0, 0.0, 0.0)
