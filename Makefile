@@ -45,7 +45,7 @@ SEED ?= 0
 train: scripts/train.py $(VENV)/.installed-train ## train an agent: ALGO=sac TRACK=paper SEED=0
 	$(PY) $< --algo $(ALGO) --track $(TRACK) --seed $(SEED) $(ARGS)
 
-watch: scripts/watch.py $(VENV)/.installed-train ## watch a policy drive over the hump
+watch: scripts/watch.py $(VENV)/.installed-watch ## watch a policy drive over the hump
 	$(PY) $< $(ARGS)
 
 docs: docs/conf.py $(VENV)/.installed-docs ## build the documentation into docs/_build/html
@@ -75,10 +75,11 @@ clean: ## remove .venv, caches and builds (results stay)
 # ---- set-up -----------------------------------------------------------------------------------
 
 extras_compare := plots
+extras_watch := plots,run,mpc,render
 extras_train := plots,run,mpc,train,render
-extras_docs := plots,docs
+extras_docs := plots,run,mpc,render,report,docs
 extras_test := plots,run,mpc,train,render,report,docs,test,dev
-stamps := $(addprefix $(VENV)/.installed-,compare train docs test)
+stamps := $(addprefix $(VENV)/.installed-,compare watch train docs test)
 
 # .venv is ready if it was made here and completely, and its Python still runs.
 ready := $(shell [ ! -e $(VENV)/.unfinished ] && [ "$$(cat $(VENV)/.root 2>/dev/null)" = "$(CURDIR)" ] \
@@ -89,7 +90,7 @@ torch = $(shell sed -n 's/^\(torch==[^ ;]*\).*/\1/p' constraints.txt)
 # `test` holds the other sets, so it sets their stamps too.
 $(stamps): $(VENV)/.installed-%: pyproject.toml constraints.txt $(if $(ready),,new-venv)
 	@echo "Installing qcar_env[$(extras_$*)] into $(VENV): once, some minutes at most"
-	$(if $(findstring train,$(extras_$*)),$(PY) -m pip install "$(torch)")
+	$(if $(findstring train,$(extras_$*)),$(PY) -m pip install -c constraints.txt "$(torch)")
 	$(PY) -m pip install -c constraints.txt -e ".[$(extras_$*)]"
 	@touch $(if $(filter test,$*),$(stamps),$@)
 
