@@ -453,7 +453,8 @@ def _filter_amplitudes(
 
     def rates(columns: Array) -> Array:
         x, eta = State(*columns[:4, None, :]), Filter(*columns[4:, None, :])
-        return np.array([np.broadcast_to(r, (n, columns.shape[1])) for r in filter_rate(x, eta, values)])
+        shape = (n, columns.shape[1])
+        return np.array([np.broadcast_to(r, shape) for r in filter_rate(x, eta, values)])
 
     unit = rates(np.eye(8))  # (4, n, 8)
     probe = np.linspace(-1.0, 2.0, 8)
@@ -463,9 +464,10 @@ def _filter_amplitudes(
             "use harmonic balance, which takes the filter's states as unknowns"
         )
     matrix = np.moveaxis(unit, 1, 0)  # (n, 4, 8)
-    drive = np.array([A1, A2, 1j * omega1 * A1, 1j * omega2 * A2])  # (4, n)
-    # one frequency turns the filter: that of the motion
-    turning = 1j * omega1[:, None, None] * np.eye(4) - matrix[:, :, 4:]
-    into = np.einsum("nij,jn->ni", matrix[:, :, :4], drive)
-    eta = np.linalg.solve(turning, into[:, :, None])[:, :, 0]
+    eta = np.zeros((n, 4), dtype=np.complex128)
+    for columns, omega, A in ((slice(0, 4, 2), omega1, A1), (slice(1, 4, 2), omega2, A2)):
+        # each mass drives the filter at its own frequency
+        turning = 1j * omega[:, None, None] * np.eye(4) - matrix[:, :, 4:]
+        into = matrix[:, :, columns] @ np.array([A, 1j * omega * A]).T[:, :, None]
+        eta += np.linalg.solve(turning, into)[:, :, 0]
     return [eta[:, i] for i in range(4)]
