@@ -257,8 +257,8 @@ def check_step(car: QuarterCar, step: float) -> None:
     if product > STABILITY_LIMIT:
         raise ValueError(
             f"integration step must be below {STABILITY_LIMIT / fastest:.3g} s for this car, got "
-            f"{step:.3g} s (step * |lambda|max = {product:.3g}, RK4 is stable up to {STABILITY_LIMIT}); "
-            "give a smaller dt or more substeps"
+            f"{step:.3g} s (step * |lambda|max = {product:.3g}, RK4 is stable up to "
+            f"{STABILITY_LIMIT}); give a smaller dt or more substeps"
         )
     if product > ACCURACY_LIMIT:
         warnings.warn(
