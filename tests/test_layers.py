@@ -67,6 +67,9 @@ def test_every_package_of_the_checkout_is_under_contract():
             "from gymnasium import spaces",
             "Inside the library only envs",
         ),
+        ("baselines/catalogue.py", "import torch", "Only agents"),
+        ("baselines/catalogue.py", "import scripts.compare", "Commands use"),
+        ("qcar_env/__init__.py", "import baselines", "Commands use"),
         # an import inside a function counts
         ("qcar_env/physics/rk4.py", "def late():\n    import torch", "Only agents"),
     ],
