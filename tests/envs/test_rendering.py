@@ -1,0 +1,254 @@
+"""Frames show what happens: where things are, which way forces point, at which amplitude."""
+
+import dataclasses
+import subprocess
+import sys
+import time
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+import qcar_env  # noqa: F401 - registers the environment
+from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
+from qcar_env.physics import linear
+from qcar_env.physics.state import State
+from qcar_env.scenarios import SCENARIOS, scenario
+
+rendering = pytest.importorskip("qcar_env.envs.rendering")
+imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
+
+BLUE = (0, 114, 178)
+EXTERNAL = (176, 122, 20)
+
+
+def picture(name="paper", x1=0.0, x2=0.0, action=None, time=0.0, **changes):
+    base = scenario(name)
+    return rendering.Picture(
+        name="CNVC",
+        colour="#0072B2",
+        nominal=base,
+        episode=base,
+        time=time,
+        elapsed=0.0,
+        state=State(x1, x2, 0.0, 0.0),
+        action=(0.0,) * base.actuator.size if action is None else action,
+        **changes,
+    )
+
+
+def rows_of(frame, colour, columns):
+    """Rows of the scene, above the chart and left of the readings, that hold a colour."""
+    found = np.all(frame[60:340, columns] == colour, axis=2).any(axis=1)
+    return 60 + np.flatnonzero(found)
+
+
+def frames_of(path, width, height):
+    """Decode a film: array (frames, height, width, 3)."""
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(path)]
+    command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    raw = subprocess.run(command, capture_output=True, check=True).stdout
+    return np.frombuffer(raw, dtype=np.uint8).reshape(-1, height, width, 3)
+
+
+BODY = slice(230, 290)  # columns of the body's middle, beside every arrow
+BODY_FORCE = slice(190, 200)  # columns of the arrow on the body
+WHEEL_FORCE = slice(188, 201)
+
+
+def test_a_frame_is_an_array_of_the_callers_own():
+    painter = rendering.Painter()
+    first = painter.draw(picture())
+    assert first.shape == (480, 640, 3)
+    assert first.dtype == np.uint8
+    kept = first.copy()
+    painter.draw(picture(x2=1.0))
+    np.testing.assert_array_equal(first, kept)
+
+
+def test_equal_pictures_give_equal_frames():
+    frames = [rendering.Painter().draw(picture(x1=0.3, x2=-0.2)) for _ in range(2)]
+    np.testing.assert_array_equal(*frames)
+
+
+@pytest.mark.parametrize("name", ["paper", "mathworks-hump"])
+@pytest.mark.parametrize("share", [-0.8, 0.5])
+def test_the_body_is_drawn_as_high_as_it_is(name, share):
+    x2 = share * scenario(name).reference_amplitudes[1]
+    painter = rendering.Painter()
+    at_rest = rows_of(painter.draw(picture(name)), BLUE, BODY)
+    moved = rows_of(painter.draw(picture(name, x2=x2)), BLUE, BODY)
+    expected = rendering.scales(scenario(name)).displacement * x2
+    assert at_rest[0] - moved[0] == pytest.approx(expected, abs=1.0)  # a whole pixel
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_uncontrolled_motion_and_the_hump_can_be_seen(name):
+    base = scenario(name)
+    sizes = rendering.scales(base)
+    a1, a2 = base.reference_amplitudes
+    assert 15.0 < sizes.displacement * max(a1, a2) < 60.0  # px, of 480
+    assert sizes.displacement * sizes.road * base.road.h >= 13.0
+    assert 15.0 < sizes.displacement * sizes.bar <= 60.0
+
+
+def test_the_tyre_ends_on_the_road():
+    painter = rendering.Painter()
+    base = scenario("paper")
+    quarter = 0.25 * 2.0 * np.pi / base.road.omega
+    for when, height in ((0.0, 0.0), (quarter, base.road.h), (3 * quarter, -base.road.h)):
+        frame = painter.draw(picture(time=when))
+        column = frame[:, 256]  # under the axle
+        tyre = np.flatnonzero(np.all(column == (52, 56, 62), axis=1))
+        sizes = rendering.scales(base)
+        road = 0.645 * 480 - height * sizes.displacement * sizes.road
+        assert tyre[-1] == pytest.approx(road, abs=2.0)  # the outlines are a pixel wide
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_force_arrows_point_where_forces_push(sign):
+    painter = rendering.Painter()
+    none = rows_of(painter.draw(picture()), BLUE, BODY_FORCE)
+    pushed = rows_of(painter.draw(picture(action=(0.0, sign))), BLUE, BODY_FORCE)
+    above, below = none[0] - pushed[0], pushed[-1] - none[-1]
+    assert (above if sign > 0 else below) == pytest.approx(46.0, abs=3.0)
+    assert (below if sign > 0 else above) == 0
+
+
+def test_a_suspension_actuator_pushes_the_wheel_down_when_it_lifts_the_body():
+    frame = rendering.Painter().draw(picture("mathworks-hump", action=(1.0,)))
+    hub = 0.645 * 480 - 46.0
+    wheel = [row for row in rows_of(frame, BLUE, WHEEL_FORCE) if row > hub - 60]
+    assert min(wheel) >= hub - 2.0
+    assert max(wheel) == pytest.approx(hub + 46.0, abs=3.0)
+
+
+def test_the_external_force_is_shown_where_there_is_one():
+    painter = rendering.Painter()
+    assert np.all(painter.draw(picture()) == EXTERNAL, axis=2).any()
+    assert not np.all(painter.draw(picture("mathworks-hump")) == EXTERNAL, axis=2).any()
+
+
+def test_the_chart_shows_amplitudes_over_the_uncontrolled_ones():
+    base = scenario("paper")
+    steady = linear.steady_state(base.car, base.road, base.force)
+    for t in np.linspace(0.0, 0.1, 5):
+        shown = dataclasses.replace(picture(), state=State(*steady.state(t)))
+        assert shown.levels == pytest.approx((1.0, 1.0), rel=1e-9)
+
+
+def test_the_chart_remembers_an_episode_and_forgets_it_at_the_next():
+    painter = rendering.Painter()
+    fresh = painter.draw(picture(x2=0.1))
+    for k in range(1, 100):
+        last = painter.draw(dataclasses.replace(picture(x2=0.1 + 0.01 * k), elapsed=0.01 * k))
+    assert np.any(last[350:450, 400:600] != fresh[350:450, 400:600])
+    np.testing.assert_array_equal(painter.draw(picture(x2=0.1)), fresh)
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_scenario_can_be_rendered_without_a_display(name, monkeypatch):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    env = gym.make("QuarterCarHump-v0", scenario=name, render_mode="rgb_array")
+    env.reset(seed=1)
+    before = env.render()
+    for _ in range(20):
+        env.step(env.action_space.sample())
+    assert np.any(env.render() != before)
+    env.close()
+
+
+def test_human_mode_shows_each_step(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    env = QuarterCarHumpEnv(render_mode="human")
+    shown = []
+    monkeypatch.setattr(rendering.Window, "show", lambda self, frame, fps: shown.append(fps))
+    env.reset(seed=0)
+    env.step(np.zeros(2))
+    assert env.render() is None
+    assert shown == [pytest.approx(200.0)] * 3
+    env.close()
+
+
+def test_a_window_opens_and_closes(monkeypatch):
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    window = rendering.Window()
+    assert window.show(np.zeros((180, 240, 3), dtype=np.uint8), fps=1000.0)
+    window.close()
+    window.close()
+
+
+def test_record_video_writes_what_happened(tmp_path):
+    env = gym.make("QuarterCarHump-v0", render_mode="rgb_array", duration=0.1)
+    env = gym.wrappers.RecordVideo(env, str(tmp_path / "film"), fps=25)
+    env.reset(seed=0)
+    over = False
+    while not over:
+        _, _, terminated, truncated, _ = env.step(env.action_space.sample())
+        over = terminated or truncated
+    env.close()
+    (path,) = (tmp_path / "film").glob("*.mp4")
+    assert frames_of(path, 640, 480).shape == (21, 480, 640, 3)  # the start and 0.1 s at 200 Hz
+
+
+def test_the_rate_of_the_frames_is_that_of_the_steps():
+    env = QuarterCarHumpEnv(render_mode="rgb_array")
+    assert env.metadata["render_fps"] * env.dt == pytest.approx(1.0)
+
+
+def test_two_hundred_frames_a_second():
+    env = QuarterCarHumpEnv(render_mode="rgb_array")
+    env.reset(seed=0)
+    env.render()
+    best = np.inf
+    for _ in range(5):  # the least of five, as other processes share the machine
+        begin = time.process_time()
+        for _ in range(20):
+            env.step(np.zeros(2))
+            env.render()
+        best = min(best, (time.process_time() - begin) / 20)
+    assert best < 1.0 / 200.0
+
+
+def test_render_without_a_mode_warns_and_returns_nothing():
+    env = QuarterCarHumpEnv()
+    env.reset(seed=0)
+    with pytest.warns(UserWarning, match="render_mode='rgb_array'"):
+        assert env.render() is None
+
+
+def test_render_before_reset_says_so():
+    with pytest.raises(gym.error.ResetNeeded, match="reset"):
+        QuarterCarHumpEnv(render_mode="rgb_array").render()
+
+
+def test_an_unknown_mode_is_refused():
+    with pytest.raises(ValueError, match="did you mean 'rgb_array'"):
+        QuarterCarHumpEnv(render_mode="rgb_aray")
+
+
+def test_a_frame_too_small_to_read_is_refused():
+    with pytest.raises(ValueError, match=r"frame width .* at least 240, got 100"):
+        rendering.Painter((100, 400))
+
+
+def test_pygame_is_imported_only_to_render():
+    code = (
+        "import sys, gymnasium, qcar_env\n"
+        "env = gymnasium.make('QuarterCarHump-v0')\n"
+        "env.reset(seed=0); env.step(env.action_space.sample())\n"
+        "assert 'pygame' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_absent_pygame_is_named_with_the_remedy(monkeypatch):
+    import qcar_env.envs
+
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    monkeypatch.delitem(sys.modules, "qcar_env.envs.rendering")
+    monkeypatch.delattr(qcar_env.envs, "rendering")
+    env = QuarterCarHumpEnv(render_mode="rgb_array")
+    env.reset(seed=0)
+    with pytest.raises(gym.error.DependencyNotInstalled, match=r"qcar_env\[render\]"):
+        env.render()

@@ -1,0 +1,113 @@
+"""The film has the asked length, speed and size, and shows the asked policies."""
+
+import re
+import subprocess
+
+import imageio.v3 as imageio
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+from scripts import watch
+
+SHORT = ["--duration", "0.2", "--wait", "0.05", "--size", "320", "240"]
+
+
+def frames_of(path, width, height):
+    """Decode a film: array (frames, height, width, 3)."""
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", str(path)]
+    command += ["-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    raw = subprocess.run(command, capture_output=True, check=True).stdout
+    return np.frombuffer(raw, dtype=np.uint8).reshape(-1, height, width, 3)
+
+
+def test_an_mp4_has_the_length_and_size_that_were_asked_for(tmp_path, capsys):
+    path = tmp_path / "film.mp4"
+    assert watch.main([*SHORT, "--slow", "10", "--fps", "20", "--out", str(path)]) == 0
+    # 0.2 s ten times slower at 20 frames a second, and the start
+    assert frames_of(path, 640, 240).shape == (41, 240, 640, 3)
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", str(path)]  # describes it, then complains
+    described = subprocess.run(command, capture_output=True, text=True).stderr
+    assert re.search(r" 20 fps", described)
+    assert "10 times slower" in capsys.readouterr().out
+    assert [each.name for each in tmp_path.iterdir()] == ["film.mp4"]
+
+
+def test_a_gif_shows_each_policy_in_its_own_colour(tmp_path):
+    path = tmp_path / "film.gif"
+    arguments = [*SHORT, "--policy", "cnvc", "--vs", "none", "lnvc", "--out", str(path)]
+    assert watch.main(arguments) == 0
+    frames = imageio.imread(path)
+    assert frames.shape[1:] == (240, 960, 3)
+    last = frames[-1].astype(int)
+    for place, colour in enumerate([(0, 114, 178), (0, 0, 0), (230, 159, 0)]):
+        panel = last[30:160, 320 * place : 320 * (place + 1)]
+        near = np.abs(panel - colour).max(axis=2) < 12  # a palette of 64 colours
+        assert near.sum() > 500
+
+
+def test_the_policies_wait_and_then_act():
+    arguments = watch._parse([*SHORT, "--policy", "cnvc"])
+    film = watch._film(arguments)
+    actions = [env.picture().action for env in watch._drive("cnvc", film)]
+    begin = round(film.wait / film.scenario.dt / film.stride)
+    assert not np.any(actions[: begin + 1])
+    assert np.all(np.any(actions[begin + 1 :], axis=1))
+
+
+def test_the_cars_meet_the_same_road_from_the_same_start():
+    film = watch._film(watch._parse([*SHORT, "--start", "rest"]))
+    for a, b in zip(watch._drive("cnvc", film), watch._drive("none", film), strict=True):
+        assert a.time == b.time
+        assert a.episode == b.episode
+        if a.time == 0.0:
+            assert a.state == b.state == (0.0, 0.0, 0.0, 0.0)
+
+
+def test_the_film_has_the_wanted_speed_at_any_rate():
+    for slow, fps in ((1.0, 25.0), (4.0, 24.0), (0.5, 60.0), (100.0, 30.0)):
+        film = watch._film(watch._parse([*SHORT, "--slow", str(slow), "--fps", str(fps)]))
+        simulated = (film.length - 1) * film.stride * film.scenario.dt
+        assert (film.length - 1) / film.rate == pytest.approx(simulated * slow)
+
+
+def test_without_a_display_a_file_is_written(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(watch, "_has_display", lambda: False)
+    assert watch.main([*SHORT, "--policy", "pd"]) == 0
+    assert (tmp_path / "results" / "watch" / "pd-vs-none.mp4").stat().st_size > 1000
+
+
+def test_on_a_display_the_film_is_shown_until_the_window_closes(monkeypatch):
+    from qcar_env.envs.rendering import Window
+
+    shown = []
+
+    def show(self, frame, fps):
+        shown.append(frame.shape)
+        return len(shown) < 3
+
+    monkeypatch.setattr(watch, "_has_display", lambda: True)
+    monkeypatch.setattr(Window, "show", show)
+    assert watch.main([*SHORT]) == 0
+    assert shown == [(240, 640, 3)] * 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--policy", "cnvcc"], "did you mean 'cnvc'"),
+        (["--scenario", "papr"], "did you mean 'paper'"),
+        (["--out", "film.avi"], "unknown film format '.avi'"),
+        (["--scenario", "paper-hump", "--start", "steady"], "use --start rest"),
+        (["--slow", "0"], "slow must be positive"),
+        (["--duration", "-1"], "duration must be positive"),
+        (["--size", "10", "240"], "frame width"),
+    ],
+)
+def test_bad_input_is_refused_and_writes_nothing(arguments, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(watch, "_has_display", lambda: False)
+    assert watch.main([*SHORT, *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert not [each for each in tmp_path.rglob("*") if each.is_file()]
