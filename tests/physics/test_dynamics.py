@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from qcar_env.physics.car import QuarterCar
 from qcar_env.physics.dynamics import Coefficients, Forcing, accelerations, rate

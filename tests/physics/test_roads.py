@@ -4,8 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from qcar_env.physics import roads
 from qcar_env.physics.roads import Phasor, Road, kink_time, turn
