@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.control.law import REST, ControlledState, Law
-from qcar_env.physics import closed_loop, engine
+from qcar_env.physics import closed_loop, engine, engine_continuous
 from qcar_env.physics.car import QuarterCar
 from qcar_env.physics.dynamics import Coefficients, Forcing
 from qcar_env.physics.external_force import ExternalForce
@@ -217,9 +217,9 @@ def steady_amplitudes(
     slabs = engine.slabs(cases.rows(step, steps - measured + 1.0))
     cases.run(slabs, step, steps, 0, np.empty((0, 6, cases.n)))
     final = engine.from_slabs(slabs, cases.n)
-    peaks = final[engine.PEAKS : engine.PEAKS + 4]
-    squares = final[engine.SQUARES : engine.SQUARES + 2]
-    diverged = _has_diverged(final[engine.PLANT : engine.PLANT + 4])
+    peaks = final[engine_continuous.PEAKS : engine_continuous.PEAKS + 4]
+    squares = final[engine_continuous.SQUARES : engine_continuous.SQUARES + 2]
+    diverged = _has_diverged(final[engine_continuous.PLANT : engine_continuous.PLANT + 4])
     if on_divergence == "raise":
         _refuse_divergence(diverged, duration)
     values = np.concatenate([peaks, np.sqrt(squares / measured)])
@@ -302,8 +302,8 @@ class _Cases:
         return found
 
     def rows(self, step: float, window: Array) -> Array:
-        """Return the quantities of `qcar_env.physics.engine.closed_loop_kernel`, (rows, n)."""
-        rows = np.zeros((engine.ROWS, self.n))
+        """Return the quantities of `qcar_env.physics.engine_continuous`, shape (rows, n)."""
+        rows = np.zeros((engine_continuous.ROWS, self.n))
         worlds = _once(lambda road, force: _flat(world_at(0.0, road, force)))
         plants = _once(lambda car, road, force: plant(car, road, force, step))
         gains = _once(lambda law: tuple(law.gains))
@@ -322,15 +322,15 @@ class _Cases:
                 road.next_kink(0.0),
                 one.Omega,
             )
-            rows[: engine.WINDOW, i] = column
-            rows[engine.GAINS : engine.GAINS + len(chosen), i] = chosen
-        rows[engine.WINDOW] = window
+            rows[: engine_continuous.WINDOW, i] = column
+            rows[engine_continuous.GAINS : engine_continuous.GAINS + len(chosen), i] = chosen
+        rows[engine_continuous.WINDOW] = window
         return rows
 
     def run(self, slabs: Array, step: float, steps: int, every: int, record: Array) -> None:
         """Integrate all cases, on several threads if there is enough to do."""
         law = self.laws[0]
-        kernel = engine.closed_loop_kernel(
+        kernel = engine_continuous.closed_loop_kernel(
             law.command, law.filter_rate, type(law.gains), self.saturated
         )
         fractions = step_fractions(float(step))

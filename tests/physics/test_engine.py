@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from qcar_env.control import CNVC, LAWS, NDF
-from qcar_env.physics import engine, roads
+from qcar_env.physics import engine, engine_continuous, roads
 from qcar_env.physics.closed_loop import (
     REST,
     ControlledState,
@@ -43,12 +43,12 @@ ROADS = {
 def columns(road, force, law, start, limits=(1e300, 1e300), step=STEP):
     """Return the slab rows of one car, shape (rows, 1)."""
     one, world = plant(PAPER_CAR, road, force, step), world_at(0.0, road, force)
-    rows = np.zeros((engine.ROWS, 1))
+    rows = np.zeros((engine_continuous.ROWS, 1))
     column = [*start, *REST, *world.road, *world.force, *one.by.road, *one.by.force]
     column += [*one.car, *one.amplitudes, *limits, *one.road, road.next_kink(0.0), one.Omega]
-    rows[: engine.WINDOW, 0] = column
-    rows[engine.WINDOW] = engine.NEVER
-    rows[engine.GAINS : engine.GAINS + len(law.gains), 0] = law.gains
+    rows[: engine_continuous.WINDOW, 0] = column
+    rows[engine_continuous.WINDOW] = engine.NEVER
+    rows[engine_continuous.GAINS : engine_continuous.GAINS + len(law.gains), 0] = law.gains
     return rows
 
 
@@ -62,7 +62,7 @@ def in_plain_python(road, force, law, start, steps, limits=None):
     for k in range(steps):
         states.append((*x.plant, *x.filter))
         if roads.kink_time(kink, one.road) < (k + 1) * STEP:
-            x, world, kink = engine.forced_step_over_kinks(
+            x, world, kink = engine_continuous.forced_step_over_kinks(
                 rate,
                 advance_controlled,
                 x,
@@ -76,7 +76,7 @@ def in_plain_python(road, force, law, start, steps, limits=None):
                 *args,
             )
         else:
-            x, world = engine.forced_step(
+            x, world = engine_continuous.forced_step(
                 rate, advance_controlled, x, world, one.by, one.amplitudes, one.step, *args
             )
     states.append((*x.plant, *x.filter))
@@ -88,7 +88,9 @@ def compiled_run(rows, law, steps, saturated=False):
     n = rows.shape[1]
     record = np.empty((steps + 1, 6, n))
     slabs = engine.slabs(rows)
-    kernel = engine.closed_loop_kernel(law.command, law.filter_rate, type(law.gains), saturated)
+    kernel = engine_continuous.closed_loop_kernel(
+        law.command, law.filter_rate, type(law.gains), saturated
+    )
     kernel(slabs, 0, slabs.shape[0], n, step_fractions(STEP), steps, 1, record)
     return record
 
@@ -126,7 +128,7 @@ def test_numpy_arrays_equal_floats_bit_for_bit():
 
     def advance(columns):
         state, c, w, b, a = columns
-        return engine.forced_step(
+        return engine_continuous.forced_step(
             saturated_rate,
             advance_controlled,
             ControlledState(State(*state[:4]), Filter(*state[4:])),
@@ -163,12 +165,12 @@ def test_a_car_gets_the_same_bits_whatever_its_neighbours(n):
 
 
 def test_phasors_do_not_drift():
-    law, steps = LAWS["none"](), 20 * engine.RESEED + 500
+    law, steps = LAWS["none"](), 20 * engine_continuous.RESEED + 500
     rows = columns(ROADS["harmonic"], ExternalForce(f=1.0, Omega=31.0), law, (0, 0, 0, 0))
     slabs = engine.slabs(rows)
-    kernel = engine.closed_loop_kernel(law.command, None, type(law.gains), False)
+    kernel = engine_continuous.closed_loop_kernel(law.command, None, type(law.gains), False)
     kernel(slabs, 0, 1, 1, step_fractions(STEP), steps, 0, np.empty((0, 6, 1)))
-    end = engine.from_slabs(slabs, 1)[engine.ROAD : engine.ROAD + 4, 0]
+    end = engine.from_slabs(slabs, 1)[engine_continuous.ROAD : engine_continuous.ROAD + 4, 0]
     t = steps * STEP
     exact = [np.sin(55.0 * t), np.cos(55.0 * t), np.sin(31.0 * t), np.cos(31.0 * t)]
     # an angle of 1e3 rad is itself rounded by 1e-13; half a thousand turns add about as much
@@ -199,7 +201,7 @@ def test_saturation_keeps_the_bits_inside_and_the_limit_outside(u):
 
 def test_the_loop_over_cars_is_compiled_to_vector_instructions():
     law = CNVC()
-    kernel = engine.closed_loop_kernel(law.command, None, type(law.gains), False)
+    kernel = engine_continuous.closed_loop_kernel(law.command, None, type(law.gains), False)
     compiled_run(columns(ROADS["harmonic"], PAPER_FORCE, law, (0, 0, 0, 0)), law, 1)
     assembly = "".join(kernel.inspect_asm(each) for each in kernel.signatures)
     if not assembly:
@@ -233,13 +235,13 @@ def test_an_edited_law_is_compiled_anew(tmp_path):
         import numpy as np
         from house.gain import scaled
         from house.law import Gains, command
-        from qcar_env.physics import engine
+        from qcar_env.physics import engine, engine_continuous
         from qcar_env.physics.rk4 import step_fractions
 
         engine.compiled(scaled)
-        run = engine.closed_loop_kernel(command, None, Gains, False)
-        rows = np.zeros((engine.ROWS, 1))
-        rows[2], rows[engine.GAINS] = 1.0, 1.0
+        run = engine_continuous.closed_loop_kernel(command, None, Gains, False)
+        rows = np.zeros((engine_continuous.ROWS, 1))
+        rows[2], rows[engine_continuous.GAINS] = 1.0, 1.0
         record = np.empty((2, 6, 1))
         run(engine.slabs(rows), 0, 1, 1, step_fractions(1e-3), 1, 1, record)
         (signature,) = run.signatures
