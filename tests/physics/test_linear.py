@@ -1,0 +1,281 @@
+"""The linear truth: matrices, exact transition, modes and steady state."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, strategies as st
+from scipy.integrate import solve_ivp
+
+from qcar_env.physics import linear, motion, roads
+from qcar_env.physics.car import QuarterCar
+from qcar_env.physics.dynamics import Forcing, rate
+from qcar_env.physics.external_force import ExternalForce
+from qcar_env.physics.roads import Road
+from qcar_env.physics.state import State
+
+PAPER = QuarterCar(
+    omega1=55.0, omega2=55.0, b1=8.7, b2=0.71, E1=0.5, E2=3.4, E3=0.5, mu1=2510.0, mu2=16.0
+)
+PAPER_ROAD = roads.harmonic(h=0.1, omega=55.0)
+PAPER_FORCE = ExternalForce(f=24.8, Omega=55.0)
+MATHWORKS = QuarterCar.from_physical(
+    m1=60.0, m2=300.0, k1=190_000.0, k2=16_000.0, c1=0.0, c2=1_000.0
+)
+UNDAMPED = QuarterCar.from_physical(60.0, 300.0, 190e3, 16e3, 0.0, 0.0)
+harmonic = st.builds(roads.harmonic, h=st.floats(-0.2, 0.2), omega=st.floats(1.0, 100.0))
+
+
+@given(...)
+def test_the_matrices_are_those_of_the_equations(car: QuarterCar, x: State):
+    u, w = np.array([3.0, -5.0]), Forcing(0.1, -2.0, 7.0)
+    expected = rate(x, w, *u, car)
+    found = linear.system_matrix(car) @ np.array(x)
+    found = found + linear.input_matrix() @ u + linear.forcing_matrix(car) @ np.array(w)
+    # a dozen terms in another order, each rounded to 1.1e-16 of the largest
+    scale = np.max(np.abs(linear.system_matrix(car))) * (np.max(np.abs(x)) + 1.0) + 1e4
+    assert found == pytest.approx(np.array(expected), abs=1e-14 * scale)
+
+
+# Transitions ------------------------------------------------------------------------------------
+
+
+def test_the_exact_transition_agrees_with_dop853(crossings):
+    for each in crossings:
+        x = np.array(each.x0)
+        for begin, end in itertools.pairwise(each.edges):
+            middle = each.road.phasor(0.5 * (begin + end))
+            if each.road.profile == "harmonic":
+                phasor = each.road.phasor(begin)
+            elif each.road.profile == "step":
+                phasor = middle
+            else:
+                phasor = (0.0, 1.0 if middle.s > 0.0 else 0.0)
+            t = linear.exact_transition(each.car, each.road, each.force, end - begin)
+            x = t.A @ x + t.B @ np.array(each.u) + t.road @ np.array(phasor, dtype=float)
+            x += t.force @ np.array(each.force.phasor(begin), dtype=float)
+        # 1e-12 that DOP853 is asked for, a few hundred steps of it
+        assert np.max(np.abs(x - each.truth) / each.scale) < 1e-10
+
+
+@given(car=st.from_type(QuarterCar), a=st.floats(1e-3, 0.1), b=st.floats(1e-3, 0.1))
+def test_two_transitions_make_one(car, a, b):
+    road, force = PAPER_ROAD, PAPER_FORCE
+    first, second, both = (
+        whole_matrix(linear.exact_transition(car, road, force, t), road, force)
+        for t in (a, b, a + b)
+    )
+    # rounding of three exponentials of a matrix of norm up to 2e3 (mu1 h, omega^2 dt)
+    scale = np.linalg.norm(first) * np.linalg.norm(second)
+    assert second @ first == pytest.approx(both, abs=1e-12 * scale)
+
+
+def whole_matrix(transition, road, force):
+    """Return the map of state, held force and both phasors."""
+    m = np.eye(10)
+    m[:4] = np.hstack([transition.A, transition.B, transition.road, transition.force])
+    for at, angle in ((6, road.omega * transition.dt), (8, force.Omega * transition.dt)):
+        c, s = math.cos(angle), math.sin(angle)
+        m[at : at + 2, at : at + 2] = [[c, s], [-s, c]]
+    return m
+
+
+@given(car=st.from_type(QuarterCar), dt=st.floats(1e-3, 0.1))
+def test_the_held_transition_is_the_same_map_without_the_world(car, dt):
+    A, B = linear.held_transition(car, dt)
+    full = linear.exact_transition(car, PAPER_ROAD, PAPER_FORCE, dt)
+    # two exponentials of different matrices, each good to 1e-13 of its norm
+    assert pytest.approx(full.A, abs=1e-12 * np.linalg.norm(full.A)) == A
+    assert pytest.approx(full.B, abs=1e-12 * np.linalg.norm(full.A)) == B
+
+
+@given(
+    car=st.from_type(QuarterCar),
+    x=st.from_type(State),
+    force=st.from_type(ExternalForce),
+    road=harmonic,
+    t=st.floats(0.0, 10.0),
+    substeps=st.integers(1, 8),
+)
+def test_the_rk4_transition_is_what_the_integrator_does(car, x, force, road, t, substeps):
+    dt, u = 0.005, (20.0, -30.0)
+    plant = motion.plant(car, road, force, dt / substeps)
+    world = motion.world_at(t, road, force)
+    found, _, _ = motion.interval(x, world, road.next_kink(t), t, dt, substeps, *u, plant)
+    m = linear.rk4_transition(car, road, force, dt, substeps)
+    expected = m.A @ np.array(x) + m.B @ np.array(u)
+    expected += m.road @ np.array(world.road) + m.force @ np.array(world.force)
+    # a few dozen roundings of each term, in another order
+    scale = np.linalg.norm(m.A) * (np.max(np.abs(x)) + 1.0) + 30.0
+    assert np.array(found) == pytest.approx(expected, abs=1e-13 * scale)
+
+
+@given(...)
+def test_the_rk4_transition_converges_to_the_exact_one(car: QuarterCar, force: ExternalForce):
+    road = PAPER_ROAD
+    dt = 0.2 / max(np.max(np.abs(linear.poles(car))), road.omega, force.Omega)
+    exact = whole_matrix(linear.exact_transition(car, road, force, dt), road, force)
+    errors = [
+        np.linalg.norm(
+            whole_matrix(linear.rk4_transition(car, road, force, dt, n), road, force) - exact
+        )
+        for n in (2, 4)
+    ]
+    # 2^4, and a share of the next order, of the size of the coarse step: z = 0.1
+    assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.1)
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.005])
+def test_an_interval_must_be_positive(dt):
+    message = f"dt must be positive, got {dt:g} s; give a value above 0 s"
+    for make in (
+        lambda: linear.exact_transition(PAPER, PAPER_ROAD, PAPER_FORCE, dt),
+        lambda: linear.held_transition(PAPER, dt),
+        lambda: linear.rk4_transition(PAPER, PAPER_ROAD, PAPER_FORCE, dt, 4),
+    ):
+        with pytest.raises(ValueError, match=message):
+            make()
+
+
+# Modes ------------------------------------------------------------------------------------------
+
+
+def test_the_poles_of_the_papers_car_slowest_first():
+    expected = [-0.209 + 55.0j, -0.209 - 55.0j, -4.50 + 54.8j, -4.50 - 54.8j]
+    # equations.md prints three digits of the damping and of the frequency
+    assert linear.poles(PAPER) == pytest.approx(np.array(expected), abs=0.05)
+    assert linear.poles(PAPER).real[[0, 2]] == pytest.approx([-0.209, -4.50], abs=6e-3)
+
+
+@given(...)
+def test_the_poles_have_the_sum_and_product_of_the_characteristic_polynomial(car: QuarterCar):
+    found = linear.poles(car)
+    assert found.sum() == pytest.approx(-(car.b1 + car.b2), rel=1e-9, abs=1e-9)
+    static = car.omega1**2 * car.omega2**2 - car.E1 * car.E3
+    # double eigenvalues are good to the root of a rounding error
+    assert np.prod(found) == pytest.approx(static, rel=1e-6)
+    assert np.all(np.diff(found.real) <= 1e-6)
+
+
+def test_the_modes_of_a_printed_car():
+    """MathWorks: 7.06 rad/s with damping ratio 0.20, 58.2 rad/s with 0.15."""
+    body, wheel = linear.modes(MATHWORKS)
+    assert (body.frequency, wheel.frequency) == pytest.approx((7.06, 58.2), rel=1e-3)
+    assert (body.damping_ratio, wheel.damping_ratio) == pytest.approx((0.20, 0.15), abs=5e-3)
+    assert body.shape[1] == pytest.approx(1.0)  # the body moves most in its own mode
+    assert wheel.shape[0] == pytest.approx(1.0)
+    assert abs(body.shape[0]) < 1.0
+    assert abs(wheel.shape[1]) < 1.0
+
+
+@given(
+    m1=st.floats(20, 100), m2=st.floats(150, 900), k1=st.floats(1e5, 3e5), k2=st.floats(1e4, 5e4)
+)
+def test_undamped_modes_are_orthogonal_and_have_rayleighs_frequency(m1, m2, k1, k2):
+    slow, fast = linear.modes(QuarterCar.from_physical(m1, m2, k1, k2, 0.0, 0.0))
+    assert (slow.damping_ratio, fast.damping_ratio) == pytest.approx((0.0, 0.0), abs=1e-9)
+    M, K = np.diag([m1, m2]), np.array([[k1 + k2, -k2], [-k2, k2]])
+    for mode in (slow, fast):
+        shape = np.real(mode.shape)  # without damping the masses move in phase or against it
+        quotient = (shape @ K @ shape) / (shape @ M @ shape)
+        assert mode.frequency == pytest.approx(math.sqrt(quotient), rel=1e-9)
+    cross = np.real(slow.shape) @ M @ np.real(fast.shape)
+    assert cross == pytest.approx(0.0, abs=1e-9 * (m1 + m2))
+
+
+def test_an_overdamped_mode_counts_once_for_each_real_pole():
+    car = QuarterCar.from_physical(60.0, 300.0, 190e3, 16e3, 0.0, 10e3)
+    found = linear.modes(car)
+    assert len(found) == 3
+    assert [mode.damping_ratio for mode in found if mode.shape[0].imag == 0.0] == [1.0, 1.0]
+    assert [mode.frequency for mode in found] == sorted(mode.frequency for mode in found)
+
+
+# Steady state -----------------------------------------------------------------------------------
+
+
+@given(
+    car=st.from_type(QuarterCar),
+    road=harmonic,
+    force=st.from_type(ExternalForce),
+    t=st.floats(0, 9),
+)
+def test_the_steady_state_obeys_the_equations_of_motion(car, road, force, t):
+    assume(car.b1 + car.b2 > 0.1)
+    steady = linear.steady_state(car, road, force)
+    omegas = ((steady.road, steady.omega), (steady.force, steady.Omega))
+    xdot = sum(np.real(1j * omega * X * np.exp(1j * omega * t)) for X, omega in omegas)
+    w = Forcing(float(road.height(t)), float(road.rate(t)), float(force.value(t)))
+    expected = rate(State(*steady.state(t)), w, 0.0, 0.0, car)
+    # the solve loses what the condition of i omega - A takes, which is largest near resonance
+    scale = np.max(np.abs(linear.system_matrix(car))) * sum(np.max(np.abs(X)) for X, _ in omegas)
+    assert xdot == pytest.approx(np.array(expected), abs=1e-10 * (scale + 1.0))
+
+
+@pytest.mark.parametrize(
+    ("car", "road", "force", "settle"),
+    [  # settle: time in which the slowest mode falls below 1e-7 of its start [s]
+        (PAPER, PAPER_ROAD, PAPER_FORCE, 80.0),
+        (MATHWORKS, roads.harmonic(h=0.1, V=20.0, L=3.0), ExternalForce(), 12.0),
+        (MATHWORKS, roads.harmonic(h=0.02, omega=30.0), ExternalForce(f=2.0, Omega=7.0), 12.0),
+        (MATHWORKS, roads.harmonic(h=0.02, omega=9.0), ExternalForce(f=2.0), 12.0),
+    ],
+)
+def test_a_long_integration_ends_in_the_steady_state(car, road, force, settle):
+    A, R = linear.system_matrix(car), linear.forcing_matrix(car)
+    h, omega, f, Omega = road.h, road.omega, force.f, force.Omega
+
+    def derivative(t, x):
+        y, y_dot = h * math.sin(omega * t), h * omega * math.cos(omega * t)
+        return A @ x + R @ (y, y_dot, f * math.cos(Omega * t))
+
+    found = solve_ivp(derivative, (0.0, settle), np.zeros(4), "DOP853", rtol=1e-9, atol=1e-10)
+    steady = linear.steady_state(car, road, force)
+    scale = np.abs(steady.road) + np.abs(steady.force)
+    assert np.abs(found.y[:, -1] - steady.state(settle)) / scale == pytest.approx(0.0, abs=1e-6)
+
+
+@given(car=st.from_type(QuarterCar), road=harmonic, f=st.floats(-50, 50))
+def test_at_one_frequency_the_amplitude_is_the_largest_displacement(car, road, f):
+    assume(car.b1 + car.b2 > 0.1)
+    steady = linear.steady_state(car, road, ExternalForce(f=f, Omega=road.omega))
+    t = np.linspace(0.0, 2.0 * math.pi / road.omega, 2001)
+    largest = np.max(np.abs([steady.state(each)[:2] for each in t]), axis=0)
+    # a peak between samples is missed by (pi / 2000)^2 / 2
+    assert largest == pytest.approx(np.array(steady.amplitudes), rel=2e-6, abs=1e-12)
+
+
+@given(car=st.from_type(QuarterCar), road=harmonic, force=st.from_type(ExternalForce))
+def test_at_two_frequencies_no_displacement_is_above_the_amplitude(car, road, force):
+    assume(car.b1 + car.b2 > 0.1)
+    steady = linear.steady_state(car, road, force)
+    largest = np.max(np.abs([steady.state(t)[:2] for t in np.linspace(0.0, 20.0, 500)]), axis=0)
+    assert np.all(largest <= np.array(steady.amplitudes) * (1.0 + 1e-12))
+
+
+def test_the_papers_uncontrolled_amplitudes():
+    """1.116 and 1.589 m (equations.md, four digits), within 5 % of the paper's 1.12 and 1.566."""
+    found = linear.steady_state(PAPER, PAPER_ROAD, PAPER_FORCE).amplitudes
+    assert found == pytest.approx((1.116, 1.589), abs=6e-4)
+    assert found == pytest.approx((1.12, 1.566), rel=0.05)
+
+
+@given(...)
+def test_a_hump_has_no_steady_state(road: Road):
+    assume(road.profile != "harmonic")
+    message = f"a steady state needs a harmonic road, got '{road.profile}'; use roads.harmonic"
+    with pytest.raises(ValueError, match=message):
+        linear.steady_state(PAPER, road, PAPER_FORCE)
+
+
+def test_an_undamped_car_at_resonance_has_no_steady_state():
+    slow, _ = linear.modes(UNDAMPED)
+    with pytest.raises(ValueError, match="meets an undamped mode; give the car damping or another"):
+        linear.steady_state(UNDAMPED, roads.harmonic(h=0.1, omega=slow.frequency), PAPER_FORCE)
+
+
+def test_an_undamped_car_off_resonance_has_one():
+    slow, fast = linear.modes(UNDAMPED)
+    road = roads.harmonic(h=0.1, omega=0.5 * (slow.frequency + fast.frequency))
+    assert min(linear.steady_state(UNDAMPED, road, PAPER_FORCE).amplitudes) > 0.0
