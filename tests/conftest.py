@@ -23,7 +23,7 @@ settings.load_profile("repeatable")
 
 
 def between(low: float, high: float) -> st.SearchStrategy[float]:
-    return st.floats(low, high, allow_nan=False, allow_infinity=False)
+    return st.floats(low, high, allow_subnormal=False)
 
 
 # A light car to a bus, as in print: 20 to 500 kg, 150 to 3000 kg; dampers down to none.
