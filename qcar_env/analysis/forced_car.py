@@ -34,6 +34,7 @@ from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.roads import Road, harmonic
 from qcar_env.physics.state import Filter, State
 from qcar_env.physics.validation import finite, known, positive
+from qcar_env.scenarios import Scenario
 
 Array = NDArray[np.float64]
 
@@ -181,6 +182,34 @@ class ForcedCar:
     def _shared_gains(self) -> tuple[str, ...]:
         names = self._gains
         return tuple(n[:-1] for n in names if n.endswith("1") and f"{n[:-1]}2" in names)
+
+
+def from_scenario(scenario: Scenario, law: Law | None = None) -> ForcedCar:
+    """Return a scenario's car on its harmonic road, with a law (none by default).
+
+    Raises
+    ------
+    ValueError
+        If the road is not harmonic, or the external force has another frequency.
+    """
+    road, force = scenario.road, scenario.force
+    if road.profile != "harmonic":
+        raise ValueError(
+            f"frequency response needs a harmonic road, got {road.profile!r} in scenario "
+            f"{scenario.name!r}; choose one with an endless harmonic hump, such as 'paper'"
+        )
+    if force.f != 0.0 and force.Omega != road.omega:
+        raise ValueError(
+            f"the averaged equations need omega = Omega, got omega = {road.omega:g} and "
+            f"Omega = {force.Omega:g} rad/s in scenario {scenario.name!r}; simulate it instead"
+        )
+    return ForcedCar(
+        car=scenario.car,
+        h=road.h,
+        f=force.f,
+        omega=road.omega,
+        law=Passive() if law is None else law,
+    )
 
 
 class Gains(NamedTuple):

@@ -1,0 +1,176 @@
+"""Response curves: amplitude against a parameter, stable and unstable parts, simulated points."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from qcar_env.analysis.frequency_response import Response
+from qcar_env.analysis.paper_experiments import Errors, SimulatedPoints
+from qcar_env.analysis.stability import FloquetComparison, StabilityMap
+
+Array = NDArray[np.float64]
+
+SYMBOLS = {
+    "a1": r"$a_1$",
+    "a2": r"$a_2$",
+    "sigma1": r"$\sigma_1$",
+    "sigma2": r"$\sigma_2$",
+    "omega": r"$\omega$",
+    "omega1": r"$\omega_1$",
+    "omega2": r"$\omega_2$",
+    "frequencies": r"$\omega = \omega_1 = \omega_2 = \Omega$",
+    "h": r"$h$",
+    "f": r"$f$",
+    "G": r"$G$",
+    "G1": r"$G_1$",
+    "G2": r"$G_2$",
+    "mu1": r"$\mu_1$",
+    "mu2": r"$\mu_2$",
+    "b1": r"$b_1$",
+    "b2": r"$b_2$",
+    "E1": r"$E_1$",
+    "E2": r"$E_2$",
+    "E3": r"$E_3$",
+}
+UNITS = {
+    "a1": "m", "a2": "m", "sigma1": "rad/s", "sigma2": "rad/s", "omega": "rad/s",
+    "omega1": "rad/s", "omega2": "rad/s", "frequencies": "rad/s", "h": "m", "f": "m/s²",
+    "G": "s/m²", "G1": "s/m²", "G2": "s/m²", "mu1": "1/s²", "mu2": "1/s", "b1": "1/s",
+    "b2": "1/s", "E1": "1/s²", "E2": "1/s", "E3": "1/s²",
+}  # fmt: skip
+# Methods of an error plot: shades of grey and lines, since colours belong to laws.
+METHOD_LINES: dict[str, dict[str, Any]] = {
+    "averaging, natural": {"color": "#999999", "linestyle": (0, (1, 1))},
+    "averaging, frozen": {"color": "#000000", "linestyle": "-"},
+    "harmonic balance, 1": {"color": "#555555", "linestyle": (0, (5, 2))},
+    "harmonic balance, 9": {"color": "#555555", "linestyle": (0, (3, 1, 1, 1))},
+}
+
+
+def axis_label(name: str) -> str:
+    """Return symbol and unit of a parameter or amplitude, for an axis."""
+    return f"{SYMBOLS.get(name, name)} [{UNITS.get(name, '-')}]"
+
+
+def setting_label(name: str, value: float) -> str:
+    """Return ``symbol = value unit``, for a legend."""
+    return f"{SYMBOLS.get(name, name)} = {value:.4g} {UNITS.get(name, '')}".rstrip()
+
+
+def response_curve(
+    ax: Axes, curve: Response, amplitude: str, *, label: str | None = None, **style: Any
+) -> Axes:
+    """Draw one response curve: solid where the motion is stable, dashed where it is not.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    curve : Response
+        The curve.
+    amplitude : {"a1", "a2"}
+        Which amplitude [m].
+    label : str, optional
+        Text of the legend.
+    **style
+        Line properties, such as `color`; not the line's style, which tells stability.
+
+    Returns
+    -------
+    Axes
+    """
+    values, heights = curve.values, getattr(curve, amplitude)
+    edges = np.flatnonzero(np.diff(curve.stable.astype(int))) + 1
+    for part in np.split(np.arange(len(values)), edges):
+        shown = np.append(part, part[-1] + 1) if part[-1] + 1 < len(values) else part
+        stable = bool(curve.stable[part[0]])
+        ax.plot(
+            values[shown],
+            heights[shown],
+            linestyle="-" if stable else (0, (4, 2)),
+            label=label if stable else None,
+            **style,
+        )
+        label = None if stable else label
+    for each in curve.folds:
+        ax.plot(each.value, getattr(each, amplitude), "|", color="#000000", markersize=7)
+    return ax
+
+
+def points(ax: Axes, simulated: SimulatedPoints, amplitude: str, **style: Any) -> Axes:
+    """Draw simulated amplitudes as open markers."""
+    properties: dict[str, Any] = {
+        "marker": "o", "markersize": 3.2, "markerfacecolor": "none", "markeredgewidth": 0.8,
+        "linestyle": "none",
+    }  # fmt: skip
+    ax.plot(simulated.values, getattr(simulated, amplitude), **{**properties, **style})
+    return ax
+
+
+def errors(ax: Axes, found: Errors) -> Axes:
+    """Draw the error of each method against the detuning, on a logarithmic axis.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    found : Errors
+        Relative errors by method.
+    """
+    for name, values in found.errors.items():
+        ax.semilogy(
+            found.values, 100.0 * np.maximum(values, 1e-6), label=name, **METHOD_LINES[name]
+        )
+    ax.set_xlabel(axis_label(found.parameter))
+    ax.set_ylabel("error of amplitude [%]")
+    return ax
+
+
+def stability_regions(ax: Axes, found: StabilityMap) -> Axes:
+    """Draw the growth rate over two parameters, with the border of stability as a thick line.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    found : StabilityMap
+        The map.
+    """
+    levels = np.linspace(-5.0, 5.0, 11)
+    filled = ax.contourf(
+        found.x_values, found.y_values, found.growth, levels=levels, cmap="Greys", extend="both"
+    )
+    ax.contour(found.x_values, found.y_values, found.growth, levels=[0.0], colors="#D55E00")
+    figure: Any = ax.figure
+    figure.colorbar(filled, ax=ax, label="growth rate [1/s]", ticks=levels[::2])
+    ax.set_xlabel(axis_label(found.x))
+    ax.set_ylabel(axis_label(found.y))
+    ax.grid(False)
+    return ax
+
+
+def growth_rates(ax: Axes, values: Array, found: FloquetComparison, **style: Any) -> Axes:
+    """Draw averaged growth rates as a line and those of the full equations as markers.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    values : ndarray (n,)
+        Of the parameter along the axis.
+    found : FloquetComparison
+        The rates [1/s].
+    **style
+        Line properties.
+    """
+    label = style.pop("label", "")
+    ax.plot(values, found.averaged, label=f"{label}, averaged", **style)
+    ax.plot(
+        values, found.exact, "o", markersize=3.2, markerfacecolor="none", markeredgewidth=0.8,
+        label=f"{label}, Floquet", **style,
+    )  # fmt: skip
+    return ax
