@@ -1,0 +1,36 @@
+"""Give each line of the source pages an address: `_modules/qcar_env/scenarios.html#line-84`."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from sphinx.application import Sphinx
+
+_SOURCE = re.compile(r"(<pre>)(.*?)(</pre>)", re.DOTALL)
+
+
+def number_lines(
+    app: Sphinx, page: str, template: str, context: dict[str, Any], doctree: Any
+) -> None:
+    """Begin every line of a source page with its address."""
+    if page.startswith("_modules/") and "body" in context:
+        context["body"] = _SOURCE.sub(_number, context["body"], count=1)
+
+
+def _number(found: re.Match[str]) -> str:
+    lines = found[2].split("\n")
+    # A line that begins with a tag that closes an element keeps it first.
+    numbered = [
+        f'<span class="source-line" id="line-{number}"></span>{line}'
+        if not line.startswith("</")
+        else line.replace(">", f'><span class="source-line" id="line-{number}"></span>', 1)
+        for number, line in enumerate(lines, start=1)
+    ]
+    return found[1] + "\n".join(numbered) + found[3]
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Do so when pages are written."""
+    app.connect("html-page-context", number_lines)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
