@@ -47,7 +47,7 @@ class LawPolicy:
         law.check(scenario.car)
         self.law = law
         self.name = law.name
-        self._unit = np.array(task.scales(scenario)[1:5])  # observation of a unit state
+        self._unit = np.array(task.scales(scenario)[:4])  # observation of a unit state
         limits = scenario.actuator.specific_limits(scenario.car)
         self._limits = np.array(limits[-scenario.actuator.size :])
         if law.filter_rate is not None:

@@ -13,8 +13,7 @@ from qcar_env.envs import task
 from qcar_env.physics import motion
 from qcar_env.physics.state import State
 from qcar_env.physics.validation import finite, known, positive
-from qcar_env.scenarios import Scenario, draw
-from qcar_env.scenarios import scenario as find_scenario
+from qcar_env.scenarios import Scenario, scenario as find_scenario, vary
 
 if TYPE_CHECKING:
     from qcar_env.envs.rendering import Picture, Renderer
@@ -198,21 +197,20 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if "scenario" in options or "force_scale" in options:
             self._base = self._configure(options.get("scenario", self._named))
         base = self._base
-        episode = draw(base, self.np_random)
-        state, phase = task.draw_start(self.np_random, base, 1)
-        x = task.given_state(options["state"], base) if "state" in options else state[0]
-        angle = finite("phase", options.get("phase", float(phase[0])), "rad")
-        self._episode = episode
-        self._scales = task.scales(base, episode)
-        self._limits = episode.actuator.specific_limits(episode.car)
-        self._limit_entry = task.limit_entry(find_scenario(self._named), episode)
-        self._plant = motion.plant(
-            episode.car, episode.road, episode.force, base.dt / base.substeps
-        )
-        self._start = task.start_time(episode, angle)
-        self._x = task.as_state(x)
-        self._world = motion.world_at(self._start, episode.road, episode.force)
-        self._kink = episode.road.next_kink(self._start)
+        nominal = task.nominal_numbers(base, self._named)
+        draws = self.np_random.random(task.DRAWS).tolist()
+        factors = task.draw_factors(draws, nominal)
+        x, angle = task.draw_motion(draws, nominal)
+        if "state" in options:
+            x = State(*task.given_state(options["state"], base).tolist())
+        angle = finite("phase", options.get("phase", angle), "rad")
+        episode = task.begin(x, angle, factors, nominal)
+        self._episode = base if base.randomisation is None else vary(base, *factors)
+        self._scales = episode.scales
+        self._limits = episode.limits
+        self._plant = episode.plant
+        self._start = episode.start
+        self._x, self._world, self._kink = episode.x, episode.world, episode.kink
         self._steps = 0
         self._done = False
         self._action = np.zeros(base.actuator.size)
@@ -341,9 +339,8 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._renderer = None
 
     def _observation(self) -> NDArray[np.float32]:
-        entries = task.observe(self._x, self._world, self._scales)[: self._size]
-        if self._observe_limit:
-            entries = (*entries, self._limit_entry)
+        entries = task.observe(self._x, self._world, self._scales)
+        entries = entries[: self._size] + entries[task.FULL_SIZE :] * self._observe_limit
         high = task.OBSERVATION_LIMIT
         return np.clip(np.array(entries), -high, high).astype(np.float32)
 
