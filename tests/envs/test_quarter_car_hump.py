@@ -1,0 +1,485 @@
+"""The environment of one car: what it shows, pays, accepts and refuses."""
+
+import dataclasses
+import math
+import subprocess
+import sys
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given, settings, strategies as st
+
+import qcar_env
+from qcar_env import SCENARIOS, scenario
+from qcar_env.envs import task
+from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
+from qcar_env.physics import linear, motion
+from qcar_env.physics.state import squared_amplitudes
+
+ID = "QuarterCarHump-v0"
+PAPER = scenario("paper")
+HUMP = scenario("mathworks-hump")
+STILL = np.zeros(2, dtype=np.float32)
+fractions = st.lists(st.floats(-1.0, 1.0, width=32), min_size=2, max_size=2)
+
+
+def make(name="paper", **kwargs) -> QuarterCarHumpEnv:
+    return gym.make(ID, scenario=name, **kwargs).unwrapped
+
+
+def started(name="paper", options=None, **kwargs) -> QuarterCarHumpEnv:
+    env = make(name, **kwargs)
+    env.reset(seed=0, options=options)
+    return env
+
+
+# Checkers and seeds -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("observe_limit", [False, True])
+@pytest.mark.parametrize("observe", task.OBSERVE)
+@pytest.mark.parametrize("name", list(SCENARIOS))
+def test_gymnasiums_and_sb3s_checkers_pass_without_a_warning(name, observe, observe_limit):
+    sb3 = pytest.importorskip("stable_baselines3.common.env_checker")
+    env = make(name, observe=observe, observe_limit=observe_limit)
+    check_env(env, skip_render_check=True)  # frames: tests/envs/test_rendering.py
+    sb3.check_env(env)
+
+
+TRAJECTORY = """
+import hashlib, sys
+import gymnasium as gym, numpy as np
+env = gym.make("qcar_env:QuarterCarHump-v0", scenario=sys.argv[1])
+env.action_space.seed(1)
+seen = hashlib.sha256()
+for episode in range(3):
+    observation, _ = env.reset(seed=int(sys.argv[2]) if episode == 0 else None)
+    seen.update(observation.tobytes())
+    for _ in range(50):
+        observation, reward, terminated, *_ = env.step(env.action_space.sample())
+        seen.update(observation.tobytes() + np.float64(reward).tobytes())
+        if terminated:
+            break
+print(seen.hexdigest())
+"""
+
+
+def test_a_process_gives_the_trajectory_of_its_seed():
+    """By the name with a module, as a spawned worker needs it: it has imported nothing."""
+
+    def process(seed):
+        command = [sys.executable, "-c", TRAJECTORY, "paper-randomised", str(seed)]
+        return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+    running = [process(seed) for seed in (7, 7, 8)]
+    found = [each.communicate(timeout=120)[0] for each in running]
+    assert [each.returncode for each in running] == [0, 0, 0]
+    assert len(found[0]) == 65
+    assert found[0] == found[1]
+    assert found[0] != found[2]
+
+
+def test_spawned_workers_do_as_this_process_does():
+    def trajectory(mode, **kwargs):
+        env = gym.make_vec(f"qcar_env:{ID}", num_envs=2, vectorization_mode=mode, **kwargs)
+        observation, _ = env.reset(seed=3)
+        seen = [observation]
+        for _ in range(5):
+            seen.append(env.step(np.full((2, 2), 0.5, dtype=np.float32))[0])
+        env.close()
+        return np.array(seen)
+
+    spawned = trajectory("async", vector_kwargs={"context": "spawn"})
+    assert np.array_equal(spawned, trajectory("sync"))
+
+
+def test_episodes_of_one_seed_differ_from_each_other_and_repeat():
+    def starts(seed):
+        env = make()
+        first, _ = env.reset(seed=seed)
+        return [first.tolist(), *(env.reset()[0].tolist() for _ in range(4))]
+
+    assert starts(5) == starts(5)
+    assert starts(5) != starts(6)
+    assert len(set(map(tuple, starts(5)))) > 1
+
+
+# Observation ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", list(SCENARIOS))
+def test_the_observation_is_state_road_and_force_in_the_tasks_scales(name):
+    env = started(name)
+    scales = task.scales(env.scenario)
+    rng = np.random.default_rng(1)
+    seen, true = [], []
+    for _ in range(150):  # past the start of every hump
+        action = rng.uniform(-0.3, 0.3, env.action_space.shape).astype(np.float32)
+        observation, _, terminated, _, _ = env.step(action)
+        if terminated:
+            break
+        x, road, force, t = env.state, env.episode.road, env.episode.force, env.time
+        expected = (x.x1 * scales.x1, x.x2 * scales.x2, x.v1 * scales.v1, x.v2 * scales.v2)
+        assert observation[:4] == pytest.approx(np.clip(expected, -10, 10), rel=1e-6)  # float32
+        if not road.kinks(t - 1e-9, t + 1e-9):  # on a kink rounding decides which piece is met
+            seen.append(observation[4:])
+            true.append((road.height(t), road.rate(t), force.value(t), force.rate(t)))
+    assert env.time > env.episode.road.start
+    for entry, quantity in zip(np.transpose(seen), np.array(true, dtype=float).T, strict=True):
+        size = np.max(np.abs(quantity))
+        if size == 0.0:
+            assert not np.any(entry)
+            continue
+        gain = entry @ quantity / (quantity @ quantity)
+        assert gain > 0.0
+        assert 0.1 < np.max(np.abs(entry)) < 10.0
+        assert entry == pytest.approx(gain * quantity, abs=1e-6 * gain * size)  # float32
+
+
+@pytest.mark.parametrize("name", list(SCENARIOS))
+def test_the_scales_bring_the_uncontrolled_motion_to_order_one(name):
+    scales, nominal = task.scales(SCENARIOS[name]), SCENARIOS[name]
+    a1, a2 = nominal.reference_amplitudes
+    omega = nominal.reference_frequency
+    entries = (scales.x1 * a1, scales.x2 * a2, scales.v1 * a1 * omega, scales.v2 * a2 * omega)
+    assert all(0.1 < entry < 10.0 for entry in entries)
+
+
+def test_feedback_is_the_state_alone():
+    full, feedback = started(observe="full"), started(observe="feedback")
+    for _ in range(5):
+        a, b = full.step(STILL)[0], feedback.step(STILL)[0]
+        assert b.shape == (task.FEEDBACK_SIZE,)
+        assert np.array_equal(a[: task.FEEDBACK_SIZE], b)
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0, 2.0])
+def test_the_limit_can_be_observed_as_a_share_of_the_scenarios(scale):
+    env = make(observe_limit=True)
+    observation, _ = env.reset(seed=0, options={"force_scale": scale})
+    assert observation[-1] == pytest.approx(scale, rel=1e-6)
+    assert observation.shape == env.observation_space.shape == (task.FULL_SIZE + 1,)
+
+
+def test_an_observation_belongs_to_its_receiver():
+    env = started()
+    kept, _, _, _, info = env.step(np.ones(2, dtype=np.float32))
+    copy, force = kept.copy(), info["force"].copy()
+    env.step(-np.ones(2, dtype=np.float32))
+    assert np.array_equal(kept, copy)
+    assert np.array_equal(info["force"], force)
+    before = env.state
+    kept[:] = 9.0
+    info["force"][:] = 9.0
+    assert env.state == before
+
+
+# Motion and force -------------------------------------------------------------------------------
+
+
+@given(action=fractions, phase=st.floats(0.0, 6.0), x=st.tuples(*[st.floats(-1.0, 1.0)] * 4))
+def test_a_step_is_the_plants_motion_under_the_held_force(action, phase, x):
+    env = started(options={"state": (*x[:2], 30 * x[2], 30 * x[3]), "phase": phase})
+    start = np.array(env.state)
+    env.step(np.array(action, dtype=np.float32))
+    u = np.array(action) * env.force_limit
+    m = linear.rk4_transition(PAPER.car, PAPER.road, PAPER.force, PAPER.dt, PAPER.substeps)
+    world = motion.world_at(phase / 55.0, PAPER.road, PAPER.force)
+    expected = (
+        m.A @ start + m.B @ u + m.road @ np.array(world.road) + m.force @ np.array(world.force)
+    )
+    # two ways to do the same sums of terms up to 30 (velocities) and 280 * 0.005
+    assert np.array(env.state) == pytest.approx(expected, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", list(SCENARIOS))
+@pytest.mark.parametrize("value", [-3.0, -1.0, -0.25, 0.0, 1.0, 2.0])
+def test_the_force_is_the_clipped_action_times_the_limit_in_SI(name, value):
+    env = started(name)
+    size = env.action_space.shape[0]
+    _, _, _, _, info = env.step(np.full(size, value, dtype=np.float32))
+    expected = np.clip(value, -1.0, 1.0) * env.force_limit
+    assert info["force"] == pytest.approx(expected, rel=1e-15)
+    assert env.force_limit == pytest.approx(env.episode.actuator.limit, rel=1e-15)
+
+
+def test_a_suspension_actuator_lifts_the_body_and_presses_the_wheel():
+    env = started("mathworks-hump", options={"state": (0.0, 0.0, 0.0, 0.0)})
+    env.step(np.ones(1, dtype=np.float32))  # the hump is yet to come
+    x = env.state
+    assert x.x2 > 0.0 > x.x1
+    # momenta of opposite forces, up to the tyre's push in 5 ms: k1 x1 dt with x1 < 0.3 mm
+    assert 60.0 * x.v1 + 300.0 * x.v2 == pytest.approx(0.0, abs=190e3 * 3e-4 * 0.005)
+
+
+# Reward and end ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", list(SCENARIOS))
+def test_the_terms_of_the_reward_add_up_and_none_is_positive(name):
+    env = started(name)
+    env.action_space.seed(2)
+    terminated = truncated = False
+    while not (terminated or truncated):
+        _, reward, terminated, truncated, info = env.step(env.action_space.sample())
+        terms = [value for key, value in info.items() if key.startswith("reward_")]
+        assert {"reward_x1", "reward_x2", "reward_travel"} <= set(info)
+        assert sum(terms) == pytest.approx(reward, rel=1e-14)  # the order of the sum
+        assert max(terms) <= 0.0
+        assert info["reward_travel"] == 0.0 or terminated
+
+
+def test_the_uncontrolled_steady_motion_is_paid_alike_at_every_instant():
+    steady = linear.steady_state(PAPER.car, PAPER.road, PAPER.force)
+    env = started(options={"state": steady.state(0.0), "phase": 0.0})
+    terms = []
+    for _ in range(200):
+        _, _, _, _, info = env.step(STILL)
+        terms.append((info["reward_x1"], info["reward_x2"]))
+    # RK4's steady state differs from the exact one by (55 * 1.25 ms)^4 / 120 = 2e-7 an interval
+    assert np.ptp(terms, axis=0) == pytest.approx([0.0, 0.0], abs=1e-4)
+
+
+@pytest.mark.parametrize("name", list(SCENARIOS))
+def test_a_larger_amplitude_of_a_mass_is_paid_less_and_stillness_costs_nothing(name):
+    env = started(name)
+    inverse = 1.0 / env.scenario.reference_frequency
+    pairs = []
+    for _ in range(5):
+        env.reset()
+        for _ in range(40):
+            _, _, terminated, _, info = env.step(np.zeros(env.action_space.shape, np.float32))
+            if terminated:
+                break
+            squares = squared_amplitudes(env.state, inverse)
+            pairs.append((*np.sqrt(squares), info["reward_x1"], info["reward_x2"]))
+    for amplitude, term in zip(np.transpose(pairs)[:2], np.transpose(pairs)[2:], strict=True):
+        order = np.argsort(amplitude)
+        assert np.all(np.diff(term[order]) <= 1e-12)
+        assert np.all(term[amplitude == 0.0] == 0.0)
+        assert np.all(term[amplitude > 1e-6] < 0.0)
+
+
+@pytest.mark.parametrize("duration", [0.005, 0.3, 0.5])
+def test_the_time_limit_truncates_and_does_not_terminate(duration):
+    env = started(duration=duration, options={"state": (0.0,) * 4})
+    flags = []
+    for _ in range(round(duration / 0.005)):
+        _, _, terminated, truncated, info = env.step(STILL)
+        flags.append((terminated, truncated))
+        assert info["reward_travel"] == 0.0
+    assert flags == [(False, False)] * (len(flags) - 1) + [(False, True)]
+
+
+@pytest.mark.parametrize("duration", [0.005, 5.0])
+@pytest.mark.parametrize("mass", [0, 1])
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_leaving_the_travel_limits_terminates_and_does_not_truncate(mass, sign, duration):
+    """Even at the last step of the time limit: the state has no future to be bootstrapped."""
+    limit = PAPER.travel_limit * PAPER.reference_amplitudes[mass]
+    state = np.zeros(4)
+    state[mass], state[2 + mass] = sign * 0.99 * limit, sign * 100.0
+    env = started(duration=duration, options={"state": state})
+    observation, reward, terminated, truncated, info = env.step(STILL)
+    assert (terminated, truncated) == (True, False)
+    assert info["reward_travel"] < 0.0
+    assert reward < info["reward_travel"]
+    assert observation in env.observation_space
+    assert abs(env.state[mass]) > limit
+
+
+def test_leaving_is_worse_than_never_acting():
+    """At the usual discount of 0.99 no policy gains by ending an episode that goes badly."""
+    steady = linear.steady_state(PAPER.car, PAPER.road, PAPER.force)
+    idle = started(options={"state": steady.state(0.0), "phase": 0.0}).step(STILL)[1]
+    limit = PAPER.travel_limit * PAPER.reference_amplitudes[0]
+    leaving = started(options={"state": (0.99 * limit, 0.0, 100.0, 0.0)}).step(STILL)[1]
+    assert leaving < idle / (1.0 - 0.99)
+
+
+# Starts and options -----------------------------------------------------------------------------
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_starts_lie_within_the_travel_limits_and_the_observation_space(seed):
+    for name in SCENARIOS:
+        env = make(name)
+        observation, info = env.reset(seed=seed)
+        assert observation in env.observation_space
+        x1, x2 = env.state[:2]
+        limits = env.scenario.travel_limit * np.array(env.scenario.reference_amplitudes)
+        assert abs(x1) <= limits[0]
+        assert abs(x2) <= limits[1]
+        assert 0.0 <= info["phase"] < 2.0 * math.pi
+        assert np.array_equal(info["force"], np.zeros(env.action_space.shape))
+
+
+@pytest.mark.parametrize("name", list(SCENARIOS))
+def test_starts_vary_and_some_are_at_rest(name):
+    env = make(name)
+    env.reset(seed=0)
+    starts = []
+    for _ in range(200):
+        env.reset()
+        starts.append(env.state)
+    at_rest = [not any(x) for x in starts]
+    assert any(at_rest)
+    assert not all(at_rest)
+    assert len(set(starts)) > 50
+
+
+@given(x=st.tuples(*[st.floats(-1.0, 1.0)] * 4), phase=st.floats(-10.0, 10.0))
+def test_options_fix_the_start(x, phase):
+    env = make()
+    _, info = env.reset(seed=0, options={"state": x, "phase": phase})
+    assert env.state == x
+    assert info["phase"] == phase
+    assert env.time * 55.0 == pytest.approx(phase, rel=1e-14, abs=1e-14)
+
+
+def test_options_leave_the_draws_as_they_would_have_been():
+    """An episode with a given start changes no later one."""
+
+    def second(options):
+        env = make()
+        env.reset(seed=3, options=options)
+        return env.reset()[0].tolist()
+
+    assert second(None) == second({"state": (0.0,) * 4}) == second({"phase": 1.0})
+
+
+def test_a_force_scale_and_a_scenario_hold_for_the_following_episodes():
+    env = make()
+    env.reset(seed=0, options={"force_scale": 0.5})
+    assert env.force_limit.tolist() == [140.0, 16.5]
+    env.reset(options={"scenario": "paper-hump"})
+    assert env.episode.name == "paper-hump"
+    assert env.force_limit.tolist() == [140.0, 16.5]
+    env.reset(options={"force_scale": 2.0})
+    assert env.episode.name == "paper-hump"
+    assert env.force_limit.tolist() == [560.0, 66.0]
+    env.reset(options={"scenario": PAPER})
+    assert env.episode == PAPER.with_force_scale(2.0)
+
+
+def test_a_duration_replaces_the_scenarios_for_every_scenario():
+    env = started(duration=0.01)
+    env.reset(options={"scenario": "paper-step", "state": (0.0,) * 4})
+    flags = [env.step(STILL)[3] for _ in range(2)]
+    assert flags == [False, True]
+
+
+def test_a_randomised_scenario_varies_from_episode_to_episode():
+    env = started("paper-randomised")
+    heights = set()
+    for _ in range(5):
+        env.reset()
+        heights.add(env.episode.road.h)
+    assert len(heights) == 5
+    assert env.scenario.road.h == SCENARIOS["paper-randomised"].road.h
+
+
+# What is refused --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"stat": (0.0,) * 4}, "unknown reset option 'stat'; did you mean 'state'"),
+        (
+            {"state": (0.0,) * 3},
+            r"state must be four finite numbers \(x1, x2, v1, v2\), got .*give",
+        ),
+        ({"state": (0.0, math.nan, 0.0, 0.0)}, "state must be four finite numbers"),
+        ({"state": (9.0, 0.0, 0.0, 0.0)}, r"state x1 must be within .* limit of 3\.\d* m, got 9 m"),
+        ({"state": (0.0, -9.0, 0.0, 0.0)}, "state x2 must be within .* got -9 m; start closer"),
+        ({"phase": math.nan}, "phase must be finite, got nan rad"),
+        ({"phase": "left"}, "phase must be a number in rad, got 'left'"),
+        ({"force_scale": 0.0}, "force_scale must be positive, got 0"),
+        ({"scenario": "papre"}, "unknown scenario 'papre'; did you mean 'paper'"),
+        ({"scenario": "mathworks-hump"}, r"has 1 actuator\(s\), this environment 2; make a new"),
+    ],
+)
+def test_an_option_out_of_range_is_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        make().reset(options=options)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"scenario": "papre"}, "unknown scenario 'papre'; did you mean 'paper'"),
+        ({"observe": "ful"}, "unknown observe 'ful'; did you mean 'full'"),
+        ({"force_scale": -1.0}, "force_scale must be positive, got -1; give a value above 0"),
+        ({"force_scale": math.nan}, "force_scale must be finite, got nan"),
+        ({"duration": 0.0}, "duration must be positive, got 0 s"),
+        ({"duration": 0.001}, "duration must hold a control interval, got 0.001 s"),
+        ({"render_mode": "rgb_arry"}, "unknown render mode 'rgb_arry'; did you mean 'rgb_array'"),
+    ],
+)
+def test_an_argument_out_of_range_is_refused(kwargs, message):
+    with pytest.raises(ValueError, match=message):
+        QuarterCarHumpEnv(**kwargs)
+
+
+@pytest.mark.parametrize(
+    ("action", "shape"),
+    [(0.5, r"\(\)"), ([0.5], r"\(1,\)"), ([0.1, 0.2, 0.3], r"\(3,\)"), ([[0.1, 0.2]], r"\(1, 2\)")],
+)
+def test_an_action_of_the_wrong_shape_is_refused(action, shape):
+    env = started()
+    before = env.state
+    with pytest.raises(ValueError, match=rf"action must have shape \(2,\), got {shape}; give one"):
+        env.step(np.array(action, dtype=np.float32))
+    assert env.state == before
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_an_action_that_is_not_a_number_is_refused(value):
+    env = started()
+    before = env.state
+    with pytest.raises(
+        ValueError, match=r"action must be finite, got .*; allowed range is \[-1, 1\]"
+    ):
+        env.step(np.array([0.0, value], dtype=np.float32))
+    assert env.state == before
+
+
+@pytest.mark.parametrize("wrapped", [False, True])
+def test_a_step_before_the_first_reset_is_refused(wrapped):
+    env = gym.make(ID) if wrapped else make()
+    with pytest.raises(gym.error.ResetNeeded, match=r"call.*reset"):
+        env.step(STILL)
+    if not wrapped:
+        with pytest.raises(gym.error.ResetNeeded, match="call reset before state"):
+            _ = env.state
+
+
+def test_a_step_after_the_end_is_refused():
+    env = started(duration=0.005)
+    env.step(STILL)
+    with pytest.raises(ValueError, match="the episode is over; call reset before the next step"):
+        env.step(STILL)
+
+
+def test_a_scenario_of_ones_own_serves_as_well():
+    mine = dataclasses.replace(HUMP, name="mine", duration=0.1)
+    env = gym.make(ID, scenario=mine)
+    env.reset(seed=0)
+    assert env.unwrapped.scenario == mine
+
+
+# The documentation page -------------------------------------------------------------------------
+
+
+def test_the_docstring_names_what_a_user_meets():
+    page = QuarterCarHumpEnv.__doc__
+    for heading in ("Action space", "Observation space", "Reward", "End of an episode", "Version"):
+        assert f"## {heading}" in page
+    _, _, _, _, info = started().step(STILL)
+    for name in (*task.RESET_OPTIONS, *task.OBSERVE, *info):
+        assert f"`{name}`" in page or f'"{name}"' in page or f'info["{name}"]' in page, name
+    assert qcar_env.SCENARIOS.keys() >= {"paper"}
