@@ -32,7 +32,8 @@ def write_pages(app: Sphinx) -> None:
         index += [f"## {section}", "", "| module | what |", "|---|---|"]
         index += [f"| [`{name}`]({name}.md) | {summary} |" for name, summary in modules]
         index += [""]
-    index += ["```{toctree}", ":hidden:", ":maxdepth: 1", "", *sorted(pages), "```", ""]
+    entries = [f"{name.removeprefix('qcar_env.')} <{name}>" for name in sorted(pages)]
+    index += ["```{toctree}", ":hidden:", ":maxdepth: 1", "", *entries, "```", ""]
     pages["index"] = "\n".join(index)
     for stale in set(folder.glob("*.md")) - {folder / f"{name}.md" for name in pages}:
         stale.unlink()
