@@ -56,14 +56,14 @@ def last_periods(t: ArrayLike, omega: float, periods: int = 5) -> slice:
     """
     time = np.asarray(t, dtype=np.float64)
     length = whole("periods", periods) * 2.0 * math.pi / positive("omega", omega, "rad/s")
-    dt = (time[-1] - time[0]) / (len(time) - 1)
-    count = math.ceil(length / dt - 1e-9)
-    if count > len(time):
+    samples, held = len(time), float(time[-1] - time[0])
+    count = math.ceil(length * (samples - 1) / held - 1e-9) if held > 0.0 else samples + 1
+    if count > samples:
         raise ValueError(
-            f"record must hold {periods} periods ({length:.3g} s), got {time[-1] - time[0]:.3g} s; "
+            f"record must hold {periods} periods ({length:.3g} s), got {held:.3g} s; "
             "simulate longer"
         )
-    return slice(len(time) - count, len(time))
+    return slice(samples - count, samples)
 
 
 def steady_amplitude(t: ArrayLike, x: ArrayLike, omega: float, periods: int = 5) -> float:
@@ -97,7 +97,8 @@ def settling_time(t: ArrayLike, envelope: ArrayLike, band: float = 0.05) -> floa
     time = np.asarray(t, dtype=np.float64)
     values = np.asarray(envelope, dtype=np.float64)
     final = float(np.mean(values[-max(1, len(values) // 20) :]))
-    width = band * abs(float(values[0]) - final)
+    # an envelope that does not change differs from its own mean by a rounding error
+    width = max(band * abs(float(values[0]) - final), 1e-12 * abs(final))
     outside = np.flatnonzero(np.abs(values - final) > width)
     last = int(outside[-1]) + 1 if outside.size else 0
     return float(time[min(last, len(time) - 1)] - time[0])

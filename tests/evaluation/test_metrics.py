@@ -1,0 +1,114 @@
+"""Metrics against their definitions."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from qcar_env.evaluation import metrics
+
+amplitude = st.floats(1e-6, 1e3)
+
+
+@given(a=amplitude, b=amplitude)
+def test_the_papers_percentage_error_divides_by_the_controlled_amplitude(a, b):
+    error = metrics.percentage_error(a, b)
+    assert b * (1.0 + error / 100.0) == pytest.approx(a, rel=1e-9)  # cancels where a << b
+    assert (error > 0.0) == (a > b)
+
+
+def test_2556_percent_is_a_reduction_of_96_percent():
+    """Erratum 8: 1 - 1 / (1 + 25.56)."""
+    assert metrics.percentage_error(1.57, 1.57 * (1 - 0.96235)) == pytest.approx(2556, abs=1)
+    assert metrics.reduction_db(26.56, 1.0) == pytest.approx(28.5, abs=0.05)
+
+
+@given(a=amplitude, b=amplitude, c=amplitude)
+def test_reductions_in_decibel_add_up(a, b, c):
+    total = metrics.reduction_db(a, b) + metrics.reduction_db(b, c)
+    assert total == pytest.approx(metrics.reduction_db(a, c), abs=1e-11)  # of up to 180 dB
+    assert metrics.reduction_db(10.0 * b, b) == pytest.approx(20.0, rel=1e-12)
+
+
+def test_perfect_control_has_no_finite_measure():
+    assert metrics.percentage_error(1.0, 0.0) == math.inf
+    assert metrics.reduction_db(1.0, 0.0) == math.inf
+
+
+@given(
+    omega=st.floats(1.0, 100.0),
+    periods=st.integers(1, 8),
+    samples=st.floats(5.0, 500.0),
+    start=st.floats(-5.0, 5.0),
+)
+def test_the_last_periods_hold_at_least_their_length_and_no_sample_more(
+    omega, periods, samples, start
+):
+    dt = 2.0 * math.pi / omega / samples
+    t = start + dt * np.arange(math.ceil(periods * samples) + 50)
+    found = t[metrics.last_periods(t, omega, periods)]
+    assert found[-1] == t[-1]
+    length = len(found) * dt  # each sample stands for the interval before it
+    assert length >= periods * 2.0 * math.pi / omega * (1.0 - 1e-9)
+    assert length < periods * 2.0 * math.pi / omega + dt * (1.0 + 1e-6)
+
+
+@given(a=st.floats(0.01, 10.0), omega=st.floats(1.0, 100.0), phase=st.floats(0.0, 6.0))
+def test_the_steady_amplitude_is_that_of_the_end_of_the_record(a, omega, phase):
+    t = np.linspace(0.0, 20.0 * math.pi / omega, 4001)  # ten periods, 400 samples each
+    decaying = 5.0 * np.exp(-omega * t)  # e^-31 of it is left in the last five periods
+    x = a * np.cos(omega * t + phase) + decaying
+    # a peak between samples is missed by (pi / 400)^2 / 2; 5 e^-31 is 1e-13
+    assert metrics.steady_amplitude(t, x, omega) == pytest.approx(a, rel=4e-5)
+    assert metrics.steady_amplitude(t, -x, omega) == metrics.steady_amplitude(t, x, omega)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 90])
+def test_a_record_shorter_than_its_periods_is_refused(samples):
+    t = 0.005 * np.arange(1, samples + 1)
+    with pytest.raises(
+        ValueError, match=r"record must hold 5 periods \(0.571 s\), got .*; simulate"
+    ):
+        metrics.last_periods(t, 55.0)
+
+
+@pytest.mark.parametrize(
+    ("omega", "periods", "message"),
+    [(0.0, 5, "omega must be positive, got 0 rad/s"), (55.0, 0, "periods must be at least 1")],
+)
+def test_periods_must_be_periods(omega, periods, message):
+    with pytest.raises(ValueError, match=message):
+        metrics.last_periods(np.arange(100.0), omega, periods)
+
+
+@given(a=st.floats(1e-6, 10.0), b=st.floats(-10.0, 10.0))
+def test_rms_of_a_sine_and_of_a_constant(a, b):
+    psi = 2.0 * math.pi * np.arange(100) / 100
+    assert metrics.rms(a * np.sin(psi)) == pytest.approx(a / math.sqrt(2.0), rel=1e-12)
+    assert metrics.rms(np.full(7, b)) == pytest.approx(abs(b), rel=1e-12, abs=1e-150)
+
+
+@given(tau=st.floats(0.1, 2.0), first=st.floats(-2.0, 2.0), final=st.floats(-2.0, 2.0))
+def test_an_exponential_settles_after_three_time_constants(tau, first, final):
+    """exp(-t / tau) is 5 % at tau ln 20."""
+    if abs(first - final) < 1e-3:
+        return
+    t = np.linspace(0.0, 30.0 * tau, 30_001)
+    envelope = final + (first - final) * np.exp(-t / tau)
+    expected = tau * math.log(20.0)
+    assert metrics.settling_time(t, envelope) == pytest.approx(expected, abs=2e-3 * tau)  # a sample
+    assert metrics.settling_time(t + 5.0, envelope) == pytest.approx(expected, abs=2e-3 * tau)
+
+
+@given(value=st.floats(-10.0, 10.0), samples=st.integers(1, 500))
+def test_what_does_not_change_has_settled(value, samples):
+    assert metrics.settling_time(np.arange(float(samples)), np.full(samples, value)) == 0.0
+
+
+@given(band=st.floats(0.01, 0.5))
+def test_a_wider_band_is_reached_no_later(band):
+    t = np.linspace(0.0, 10.0, 2001)
+    envelope = np.exp(-t) * (1.5 + np.cos(7.0 * t))
+    wide, narrow = (metrics.settling_time(t, envelope, each) for each in (band, 0.5 * band))
+    assert wide <= narrow

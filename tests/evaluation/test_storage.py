@@ -1,0 +1,98 @@
+"""Results on disk: whole or not at all."""
+
+import csv
+import json
+import math
+import re
+from importlib.metadata import version
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings, strategies as st
+
+from qcar_env.evaluation import storage
+
+tree = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=10,
+)
+
+
+def without_infinities(content):
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    if isinstance(content, dict):
+        return {key: without_infinities(value) for key, value in content.items()}
+    if isinstance(content, list):
+        return [without_infinities(value) for value in content]
+    return content
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(content=tree)
+def test_json_reads_back_with_null_for_what_is_not_finite(tmp_path, content):
+    storage.write_json(tmp_path / "result.json", content)
+    text = (tmp_path / "result.json").read_text(encoding="utf-8")
+    assert json.loads(text, parse_constant=pytest.fail) == without_infinities(content)
+
+
+def test_numpys_numbers_are_numbers(tmp_path):
+    content = {"a": np.float64(0.5), "b": np.float64("nan"), "c": (1.0, 2.0)}
+    storage.write_json(tmp_path / "r.json", content)
+    assert json.loads((tmp_path / "r.json").read_text()) == {"a": 0.5, "b": None, "c": [1.0, 2.0]}
+
+
+def test_csv_has_the_keys_as_header(tmp_path):
+    rows = [{"law": "cnvc, cubic", "x1_m": 0.1}, {"law": "none", "x1_m": 1e-17}]
+    storage.write_csv(tmp_path / "table.csv", rows)
+    with (tmp_path / "table.csv").open(newline="", encoding="utf-8") as file:
+        found = list(csv.DictReader(file))
+    assert [row["law"] for row in found] == ["cnvc, cubic", "none"]
+    assert [float(row["x1_m"]) for row in found] == [0.1, 1e-17]  # every digit
+
+
+def test_a_folder_is_made_where_it_is_absent(tmp_path):
+    storage.write_text(tmp_path / "a" / "b" / "note.txt", "ω₁\n")
+    assert (tmp_path / "a" / "b" / "note.txt").read_text(encoding="utf-8") == "ω₁\n"
+
+
+def test_a_failure_leaves_the_older_file_and_nothing_else(tmp_path):
+    path = tmp_path / "table.csv"
+    storage.write_text(path, "old")
+
+    def write_half():
+        with storage.replacing(path) as temporary:
+            temporary.write_text("half")
+            raise KeyError("interrupted")
+
+    with pytest.raises(KeyError):
+        write_half()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_failure_leaves_no_file_where_there_was_none(tmp_path):
+    with pytest.raises(TypeError):
+        storage.write_json(tmp_path / "result.json", {"bad": object()})
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_temporary_file_keeps_its_suffix(tmp_path):
+    """A plotting library tells the format from the name."""
+    with storage.replacing(tmp_path / "figure.png") as temporary:
+        assert temporary.suffix == ".png"
+        temporary.write_bytes(b"x")
+    assert (tmp_path / "figure.png").read_bytes() == b"x"
+
+
+def test_the_versions_are_those_installed():
+    found = storage.versions()
+    assert found["numpy"] == np.__version__
+    assert found["gymnasium"] == version("gymnasium")
+    assert {"python", "machine", "qcar_env", "scipy", "numba"} <= set(found)
+
+
+def test_the_command_is_the_one_that_was_typed(monkeypatch):
+    monkeypatch.setattr("sys.argv", ["scripts/compare.py", "--laws", "cnvc"])
+    assert re.fullmatch(r"python\S* scripts/compare\.py --laws cnvc", storage.command())
