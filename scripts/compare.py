@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import importlib.util
 import math
 import sys
 from collections.abc import Sequence
@@ -18,16 +19,17 @@ import matplotlib
 
 from baselines import catalogue
 from qcar_env.analysis.table1 import Cell, table1
+from qcar_env.control.law import Law
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.comparison import Outcome, outcome
 from qcar_env.evaluation.rollouts import Rollout, rollout
-from qcar_env.physics.validation import finite, known
+from qcar_env.physics.validation import finite, known, positive
 from qcar_env.plots import time_history
 from qcar_env.plots.style import journal
-from qcar_env.scenarios import SCENARIOS, Scenario
-from qcar_env.scenarios import scenario as find_scenario
+from qcar_env.scenarios import SCENARIOS, Scenario, scenario as find_scenario
 
 STEADY = 60.0  # [s] from rest; the paper's slow mode has a time constant of 4.8 s
+START = "at rest, phase 0; nothing is drawn, so there is no seed"
 SHOWN = 10.0  # [s] of the time histories in the figure
 
 
@@ -42,8 +44,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             force_limit=arguments.force_limit,
             duration=arguments.duration,
             out=arguments.out,
+            report=arguments.report,
         )
-    except ValueError as error:
+    except (ValueError, OSError) as error:
         print(f"compare: {error}", file=sys.stderr)
         return 2
     return 0
@@ -57,14 +60,21 @@ def compare(
     force_limit: Sequence[float] | None,
     duration: float | None,
     out: Path,
+    report: bool = False,
 ) -> None:
     """Print both tables and write `table.csv`, `result.json` and the figure to `out`."""
+    if report:
+        _check_report()
     base = find_scenario(scenario)
     if force_limit is not None:
         actuator = dataclasses.replace(base.actuator, limit=tuple(force_limit))
         base = dataclasses.replace(base, actuator=actuator)
     harmonic = base.road.profile == "harmonic"
-    length = duration or (STEADY if harmonic else base.duration)
+    length = STEADY if harmonic else base.duration
+    if duration is not None:
+        length = positive("duration", duration, "s")
+    if out.exists() and not out.is_dir():
+        raise ValueError(f"--out must be a folder, got the file {out}; give another name")
     policies = {name: catalogue.make(name, base, **gains.get(name, {})) for name in laws}
     for name in gains:
         known("law with gains", name, policies)
@@ -84,6 +94,10 @@ def compare(
     outcomes = [outcome(name, each, base.reference_amplitudes) for name, each in rollouts.items()]
     _print_outcomes(base, outcomes, length)
     _write(out, base, length, cells, outcomes, rollouts, gains)
+    if report:
+        _progress("writing the report")
+        laws = {name: policy.law for name, policy in policies.items() if hasattr(policy, "law")}
+        _write_report(out, base, length, cells, outcomes, rollouts, laws)
 
 
 def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
@@ -128,6 +142,11 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
         default=Path("results/compare"),
         help="folder for table.csv, result.json and the figure (default: results/compare)",
     )
+    parser.add_argument(
+        "--report",
+        action="store_true",
+        help="write report.html as well, an interactive page that opens offline",
+    )
     return parser.parse_args(argv)
 
 
@@ -138,7 +157,8 @@ def _gains(given: Sequence[str]) -> dict[str, dict[str, float]]:
         pairs = [pair.partition("=") for pair in rest.split(",")]
         if not colon or not all(equals for _, equals, _ in pairs):
             raise ValueError(f"gains must look like cnvc:G1=0.5,G2=0.5, got {each!r}")
-        found[law] = {name: finite(f"gain {name}", _number(value)) for name, _, value in pairs}
+        values = {name: finite(f"gain {name}", _number(value)) for name, _, value in pairs}
+        found[law] = found.get(law, {}) | values
     return found
 
 
@@ -239,7 +259,7 @@ def _write(
         "versions": storage.versions(),
         "scenario": dataclasses.asdict(scenario),
         "duration_s": duration,
-        "start": "at rest, phase 0; nothing is drawn, so there is no seed",
+        "start": START,
         "gains": {
             name: {**catalogue.describe(name)["gains"], **gains.get(name, {})} for name in rollouts
         },
@@ -261,6 +281,44 @@ def _write(
         _draw(out, scenario, complete)
         files += ["time_histories.png", "time_histories.pdf"]
     print(f"written to {out}: {', '.join(files)}")
+
+
+def _check_report() -> None:
+    """Raise ValueError where what writes the report is absent."""
+    for name in ("plotly", "jinja2"):
+        if importlib.util.find_spec(name) is None:
+            raise ValueError(f"a report needs {name}; run make report, or install qcar_env[report]")
+
+
+def _write_report(
+    out: Path,
+    scenario: Scenario,
+    duration: float,
+    cells: Sequence[Cell],
+    outcomes: Sequence[Outcome],
+    rollouts: dict[str, Rollout],
+    laws: dict[str, Law],
+) -> None:
+    from qcar_env.report.comparison import comparison
+    from qcar_env.report.page import write
+
+    versions = ", ".join(f"{name} {version}" for name, version in storage.versions().items())
+    content = comparison(
+        scenario,
+        outcomes,
+        rollouts,
+        laws,
+        table1=cells,
+        duration=duration,
+        provenance={
+            "command": storage.command(),
+            "start": START,
+            "gains": "; ".join(str(law) for law in laws.values()),
+            "versions": versions,
+            "numbers": "table.csv and result.json beside this file",
+        },
+    )
+    print(f"report: {write(out / 'report.html', content)}")
 
 
 def _draw(out: Path, scenario: Scenario, rollouts: dict[str, Rollout]) -> None:
