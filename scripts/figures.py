@@ -208,14 +208,14 @@ def figure_12(task: Task) -> Made:
             "PD, p = 30, d = 1.2": ("pd", run(PD())),
         },
     ]
-    return paper_figures.law_comparison(rows, task.car.omega, 20.0), (
-        "Envelope amplitudes a = sqrt(x² + (v/omega)²) from rest under (a) PPF at two gains, (b) "
+    return paper_figures.law_comparison(rows, task.period, 20.0), (
+        "Largest displacement of each period, from rest, under (a) PPF at two gains, (b) "
         "CNVC and NDF, (c) LNVC and PD, the laws that the paper names but does not draw. The "
         "paper prints no filter for PPF and NDF; ours are the literature's with calibrated "
         "damping. At equal gain CNVC leaves the least, as the paper says; equal gain is not equal "
         "force (its steady peak forces are 278 and 32 m/s², those of LNVC 39 and 26 m/s²)."
         if task.preset.name == "paper"
-        else "Envelope amplitudes a = sqrt(x² + (v/omega)²) from rest under (a) PPF at two gains, "
+        else "Largest displacement of each period, from rest, under (a) PPF at two gains, "
         "(b) CNVC and NDF, (c) LNVC and PD."
     )
 
@@ -303,7 +303,7 @@ def stability_figure(task: Task) -> Made:
     """Stability over two parameters, and averaging against Floquet."""
     size = 31 if task.quick else 121
     found = stability.stability_map(
-        task.car, "E3", np.linspace(0.5, 600.0, size), "E2", np.linspace(0.0, 12.0, size)
+        task.car, "E3", np.linspace(0.5, 600.0, size), "E2", np.linspace(0.0, 8.0, size)
     )
     values = np.linspace(0.5, 600.0, 13 if task.quick else 25)
     growth = {

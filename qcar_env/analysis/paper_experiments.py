@@ -249,7 +249,8 @@ def approximation_errors(
     start = balanced_start(cars)
     for harmonics in (1, 9):
         peaks = balance(cars, harmonics=harmonics, start=start).peaks
-        amplitudes[f"harmonic balance, {harmonics}"] = (peaks[0], peaks[1])
+        name = f"harmonic balance, {harmonics} harmonic" + ("s" if harmonics > 1 else "")
+        amplitudes[name] = (peaks[0], peaks[1])
     errors = {
         name: np.maximum(np.abs(one / truth.a1 - 1.0), np.abs(two / truth.a2 - 1.0))
         for name, (one, two) in amplitudes.items()

@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from qcar_env.analysis.chaos import LyapunovExponents
@@ -141,7 +141,7 @@ def parameter_effects(effects: Effects, panels: Mapping[str, Sequence[Curve]]) -
     panels : mapping of str to sequence of Curve
         Curves of each panel, in the order of the panels.
     """
-    columns = 3 if len(panels) < 12 else 4
+    columns = 3 if len(panels) in (3, 5, 6, 9) else 4
     rows = -(-len(panels) // columns)
     figure, axes = _grid(rows, columns, height=1.75 * rows + 0.2)
     flat = [ax for row in axes for ax in row]
@@ -161,8 +161,9 @@ def parameter_effects(effects: Effects, panels: Mapping[str, Sequence[Curve]]) -
             )  # fmt: skip
         ax.set_title(f"({chr(ord('A') + index)})", loc="left")
         ax.legend(
-            title=axis_label(name), loc="lower center", ncols=len(curves), columnspacing=0.8,
-            handlelength=1.1, handletextpad=0.4, borderaxespad=0.1, title_fontsize=7.0,
+            title=axis_label(name), loc="lower center", ncols=len(curves), columnspacing=0.6,
+            handlelength=0.7, handletextpad=0.3, borderaxespad=0.1, title_fontsize=7.0,
+            fontsize=6.5,
         )  # fmt: skip
         ax.set_xlabel(axis_label(effects.against))
         ax.set_ylim(0.0, 1.06 * tallest)
@@ -241,7 +242,11 @@ def hump_height(panels: Mapping[str, Mapping[float, Response]]) -> Figure:
             ax.set_ylabel(axis_label(amplitude))
             ax.set_ylim(bottom=0.0)
             ax.set_xlim(left=0.0)
-        axes[0][column].legend(title=axis_label(parameter), loc="best")
+            ax.xaxis.set_major_locator(MaxNLocator(5))
+        # the lower panels have room under their curves
+        axes[1][column].legend(
+            title=axis_label(parameter), loc="lower center", ncols=3, title_fontsize=7.0
+        )
         axes[0][column].set_title(f"({'ab'[column]})")
     return figure
 
@@ -273,17 +278,17 @@ def step_hump(without_force: Mapping[str, Simulation], with_force: Mapping[str, 
 
 
 def law_comparison(
-    rows: Sequence[Mapping[str, tuple[str, Simulation]]], omega: float, shown: float
+    rows: Sequence[Mapping[str, tuple[str, Simulation]]], period: float, shown: float
 ) -> Figure:
-    """Draw Figure 12: envelope amplitudes under each law, from rest.
+    """Draw Figure 12: the largest displacement of each period under each law, from rest.
 
     Parameters
     ----------
     rows : sequence of mappings
         For each row of panels: label to ``(law, Simulation)``. Two settings of one law are told
         apart by shade.
-    omega : float
-        Frequency of the motion, for ``a = sqrt(x^2 + (v/omega)^2)`` [rad/s].
+    period : float
+        Period of the motion [s].
     shown : float
         Length shown [s].
     """
@@ -295,19 +300,17 @@ def law_comparison(
             seen[law] = count + 1
             style = line(law)
             color = SHADES[law][2 * count] if law in SHADES and count else style.color
-            window = motion.t <= shown
             for column in range(2):
-                x, v = _displacement(motion, column), _velocity(motion, column)
+                t, peaks = _peaks(motion, column, period)
                 axes[index][column].plot(
-                    motion.t[window], np.hypot(x, v / omega)[window], color=color,
-                    linestyle=style.linestyle, label=label,
-                )  # fmt: skip
+                    t, peaks, color=color, linestyle=style.linestyle, label=label
+                )
         for column, (symbol, mass) in enumerate(MASSES):
             ax = axes[index][column]
-            ax.set_ylabel(rf"$a_{symbol[-1]}$ ({mass}) [m]")
+            _log_amplitude(ax)
+            ax.set_ylabel(f"peak of ${symbol}$ ({mass}) [m]")
             ax.set_xlabel("$t$ [s]")
             ax.set_xlim(0.0, shown)
-            ax.set_ylim(bottom=0.0)
         axes[index][0].set_title(f"({'abcdef'[index]})", loc="left")
         axes[index][1].legend(loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return figure
@@ -465,6 +468,7 @@ def chaos(sections: Mapping[str, Array], exponents: Mapping[str, LyapunovExponen
         periods = np.arange(1, len(found.history) + 1)
         axes[0][2].plot(periods * period, found.history[:, 0], color=style.color, label=style.label)
     axes[0][2].axhline(0.0, color="#D55E00", linewidth=0.8)
+    axes[0][2].margins(y=0.1)
     axes[0][2].set_xlabel("$t$ [s]")
     axes[0][2].set_ylabel("largest Lyapunov\nexponent [1/s]")
     for index, ax in enumerate(axes[0]):
@@ -486,9 +490,11 @@ def _legend_above(figure: Figure, *axes: Axes) -> None:
     for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
+    wide = sum(map(len, entries)) > 80
     figure.legend(
-        list(entries.values()), list(entries), loc="outside upper center", ncols=min(6, len(entries))
-    )
+        list(entries.values()), list(entries), loc="outside upper center",
+        ncols=-(-len(entries) // 2) if wide else len(entries),
+    )  # fmt: skip
 
 
 def _log_amplitude(ax: Axes) -> None:
@@ -496,6 +502,15 @@ def _log_amplitude(ax: Axes) -> None:
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.yaxis.set_minor_formatter(NullFormatter())
+
+
+def _peaks(motion: Simulation, row: int, period: float) -> tuple[Array, Array]:
+    """Return the middle and the largest displacement of each whole period."""
+    step = float(motion.t[1] - motion.t[0])
+    edges = np.round(np.arange(0.0, float(motion.t[-1]), period) / step).astype(int)
+    x = np.abs(_displacement(motion, row))
+    peaks = np.maximum.reduceat(x, edges)[:-1]
+    return 0.5 * (motion.t[edges[:-1]] + motion.t[edges[1:]]), peaks
 
 
 def _displacement(motion: Simulation, row: int) -> Array:

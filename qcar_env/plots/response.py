@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from qcar_env.analysis.frequency_response import Response
@@ -46,8 +47,8 @@ UNITS = {
 METHOD_LINES: dict[str, dict[str, Any]] = {
     "averaging, natural": {"color": "#999999", "linestyle": (0, (1, 1))},
     "averaging, frozen": {"color": "#000000", "linestyle": "-"},
-    "harmonic balance, 1": {"color": "#555555", "linestyle": (0, (5, 2))},
-    "harmonic balance, 9": {"color": "#555555", "linestyle": (0, (3, 1, 1, 1))},
+    "harmonic balance, 1 harmonic": {"color": "#555555", "linestyle": (0, (5, 2))},
+    "harmonic balance, 9 harmonics": {"color": "#555555", "linestyle": (0, (3, 1, 1, 1))},
 }
 
 
@@ -140,13 +141,15 @@ def stability_regions(ax: Axes, found: StabilityMap) -> Axes:
     found : StabilityMap
         The map.
     """
-    levels = np.linspace(-5.0, 5.0, 11)
+    levels = MaxNLocator(10).tick_values(np.nanmin(found.growth), np.nanmax(found.growth))
     filled = ax.contourf(
-        found.x_values, found.y_values, found.growth, levels=levels, cmap="Greys", extend="both"
+        found.x_values, found.y_values, found.growth, levels=levels, cmap="Greys", alpha=0.8
     )
-    ax.contour(found.x_values, found.y_values, found.growth, levels=[0.0], colors="#D55E00")
+    ax.contour(
+        found.x_values, found.y_values, found.growth, levels=[0.0], colors="#D55E00", linewidths=1.6
+    )
     figure: Any = ax.figure
-    figure.colorbar(filled, ax=ax, label="growth rate [1/s]", ticks=levels[::2])
+    figure.colorbar(filled, ax=ax, label="growth rate [1/s]")
     ax.set_xlabel(axis_label(found.x))
     ax.set_ylabel(axis_label(found.y))
     ax.grid(False)
