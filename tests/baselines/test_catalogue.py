@@ -10,7 +10,7 @@ from qcar_env.control import LAWS
 
 
 def test_every_law_has_a_name():
-    assert set(catalogue.names()) == set(LAWS)
+    assert set(catalogue.names()) >= set(LAWS)
     assert "none" in catalogue.names()
 
 
