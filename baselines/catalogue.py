@@ -1,30 +1,126 @@
-"""The scripted policies by name."""
+"""The scripted policies by name, with their published and their tuned gains."""
 
 from __future__ import annotations
 
 import dataclasses
+import inspect
+import json
+from collections.abc import Callable, Mapping
+from functools import lru_cache
+from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
-from qcar_env.control import LAWS
-from qcar_env.physics.validation import known
-from qcar_env.scenarios import Scenario
-from qcar_env.scenarios import scenario as find_scenario
+import numpy as np
 
+from qcar_env.control import LAWS
+from qcar_env.control.lqr import Weights
+from qcar_env.control.skyhook import Groundhook, Hybrid, Skyhook
+from qcar_env.evaluation.policy import Policy
+from qcar_env.physics.validation import finite, known
+from qcar_env.scenarios import Scenario, scenario as find_scenario
+
+from .internal_model_policy import InternalModelPolicy
 from .law_policy import LawPolicy
+from .linear_policy import LinearPolicy, lqr_feedforward_policy, lqr_policy
+from .mpc_policy import MPCPolicy
+
+STORE = Path(__file__).with_name("tuned.json")
+
+# Laws as policies: the paper's six, and the classical dampers.
+LAW_POLICIES: Mapping[str, Any] = MappingProxyType(
+    {**LAWS, "skyhook": Skyhook, "groundhook": Groundhook, "hybrid": Hybrid}
+)
+
+# Entries of the gain matrices: k of the state, w of road and external force; the first figure is
+# the actuator, the second the entry of the observation.
+MATRIX_GAINS = tuple(f"{letter}{i}{j}" for letter in "kw" for i in (1, 2) for j in (1, 2, 3, 4))
+
+
+def velocity(scenario: Scenario, G1: float = 100.0, G2: float = 100.0) -> LawPolicy:
+    """High-gain saturated velocity feedback: LNVC with gains [1/s] that mostly saturate."""
+    policy = LawPolicy(LAWS["lnvc"](G1=G1, G2=G2), scenario)
+    policy.name = "velocity feedback"
+    return policy
+
+
+def lqr(
+    scenario: Scenario, q1: float = 1.0, q2: float = 1.0, r1: float = 1e-3, r2: float = 1e-3
+) -> LinearPolicy:
+    """Linear-quadratic regulator; weights of motion and force [-]."""
+    return lqr_policy(scenario, Weights(q1=q1, q2=q2, r1=r1, r2=r2))
+
+
+def lqr_feedforward(
+    scenario: Scenario, q1: float = 1.0, q2: float = 1.0, r1: float = 1e-3, r2: float = 1e-3
+) -> LinearPolicy:
+    """Return the regulator that also cancels the road and the force that it reads."""
+    return lqr_feedforward_policy(scenario, Weights(q1=q1, q2=q2, r1=r1, r2=r2))
+
+
+def lqr_model(
+    scenario: Scenario,
+    q1: float = 1.0,
+    q2: float = 1.0,
+    r1: float = 1e-3,
+    r2: float = 1e-3,
+    drift: float = 1.0,
+) -> InternalModelPolicy:
+    """Return the regulator with an internal model of the sinusoid, from the state alone."""
+    return InternalModelPolicy(scenario, Weights(q1=q1, q2=q2, r1=r1, r2=r2), drift=drift)
+
+
+def mpc(scenario: Scenario) -> MPCPolicy:
+    """Model predictive control with preview of the road."""
+    return MPCPolicy(scenario)
+
+
+def state(scenario: Scenario, **gains: float) -> LinearPolicy:
+    """Saturated linear feedback of the whole state: eight gains, scaled units."""
+    policy = LinearPolicy(_matrix(MATRIX_GAINS[:8], gains).reshape(2, 4), "state feedback")
+    return policy
+
+
+def linear(scenario: Scenario, **gains: float) -> LinearPolicy:
+    """Saturated linear feedback of state, road and external force: sixteen gains, scaled units."""
+    found = _matrix(MATRIX_GAINS, gains)
+    return LinearPolicy(
+        np.hstack([found[:8].reshape(2, 4), found[8:].reshape(2, 4)]), "linear, full information"
+    )
+
+
+# Policies beyond the laws. `state` and `linear` have no published gains: they are tuned.
+DESIGNED: Mapping[str, Callable[..., Any]] = MappingProxyType(
+    {
+        "velocity": velocity,
+        "lqr": lqr,
+        "lqr-feedforward": lqr_feedforward,
+        "lqr-model": lqr_model,
+        "mpc": mpc,
+        "state": state,
+        "linear": linear,
+    }
+)
+WITHOUT_PUBLISHED = ("state", "linear")
 
 
 def names() -> tuple[str, ...]:
-    """Return the names of all baselines."""
+    """Return the names of the paper's laws."""
     return tuple(LAWS)
 
 
-def make(name: str, scenario: str | Scenario = "paper", **gains: float) -> LawPolicy:
+def everything() -> tuple[str, ...]:
+    """Return the names of all baselines, those without published gains included."""
+    return (*LAW_POLICIES, *DESIGNED)
+
+
+def make(name: str, scenario: str | Scenario = "paper", **gains: float) -> Any:
     """Make a baseline.
 
     Parameters
     ----------
     name : str
-        One of `names`.
+        One of `everything`.
     scenario : str or Scenario
         What it will act in.
     **gains : float
@@ -32,20 +128,96 @@ def make(name: str, scenario: str | Scenario = "paper", **gains: float) -> LawPo
 
     Returns
     -------
-    LawPolicy
+    Policy
+        With `name` and `reads`, which says what it must be shown.
 
     Raises
     ------
     ValueError
         If name or gain is unknown (the nearest name is given), or a gain is out of range.
     """
-    law = LAWS[known("baseline", name, LAWS)]
+    known("baseline", name, everything())
+    found = find_scenario(scenario)
     for gain in gains:
-        known(f"gain of {name}", gain, [field.name for field in dataclasses.fields(law)])
-    return LawPolicy(law(**gains), find_scenario(scenario))
+        known(f"gain of {name}", gain, gain_names(name))
+    if name in LAW_POLICIES:
+        return LawPolicy(LAW_POLICIES[name](**gains), found)
+    return DESIGNED[name](found, **gains)
+
+
+def gain_names(name: str) -> tuple[str, ...]:
+    """Return the names of a baseline's gains."""
+    if name in LAW_POLICIES:
+        return tuple(field.name for field in dataclasses.fields(LAW_POLICIES[name]))
+    if name in WITHOUT_PUBLISHED:
+        return MATRIX_GAINS[:8] if name == "state" else MATRIX_GAINS
+    return tuple(inspect.signature(DESIGNED[name]).parameters)[1:]
 
 
 def describe(name: str) -> dict[str, Any]:
     """Return what a baseline reads and its published gains."""
-    law = LAWS[known("baseline", name, LAWS)]()
-    return {"name": law.name, "reads": LawPolicy.reads, "gains": dataclasses.asdict(law)}
+    known("baseline", name, everything())
+    if name in LAW_POLICIES:
+        law = LAW_POLICIES[name]()
+        return {"name": law.name, "reads": LawPolicy.reads, "gains": dataclasses.asdict(law)}
+    if name in WITHOUT_PUBLISHED:
+        return {"name": name, "reads": "feedback" if name == "state" else "full", "gains": {}}
+    policy = DESIGNED[name](find_scenario("paper"))
+    defaults = {
+        key: parameter.default
+        for key, parameter in inspect.signature(DESIGNED[name]).parameters.items()
+        if parameter.default is not inspect.Parameter.empty
+    }
+    return {"name": policy.name, "reads": policy.reads, "gains": defaults}
+
+
+@lru_cache(maxsize=1)
+def _stored() -> dict[tuple[str, str, float], dict[str, Any]]:
+    if not STORE.exists():
+        return {}
+    entries = json.loads(STORE.read_text(encoding="utf-8"))
+    return {(each["baseline"], each["track"], each["force_scale"]): each for each in entries}
+
+
+def tuned() -> tuple[tuple[str, str, float], ...]:
+    """Return what has tuned gains: baseline, track and force limit over the scenario's own [-]."""
+    return tuple(sorted(_stored()))
+
+
+def make_tuned(name: str, track: str, force_scale: float, scenario: Scenario) -> Policy:
+    """Make a baseline with the gains that were tuned for a track at one force limit.
+
+    Parameters
+    ----------
+    name : str
+        The baseline.
+    track : str
+        Track on whose training set it was tuned.
+    force_scale : float
+        Force limit over the scenario's own [-].
+    scenario : Scenario
+        What it will act in, with that limit.
+
+    Raises
+    ------
+    ValueError
+        If there are no such gains; the message lists what there is.
+    """
+    key = (name, track, float(force_scale))
+    if key not in _stored():
+        there = sorted({entry[0] for entry in _stored() if entry[1:] == key[1:]})
+        raise ValueError(
+            f"no tuned gains of {name!r} for track {track!r} at force scale {force_scale:g}; "
+            f"there are {', '.join(there) or 'none'}; make them with scripts/tune.py"
+        )
+    return make(name, scenario, **_stored()[key]["gains"])
+
+
+def _matrix(expected: tuple[str, ...], gains: Mapping[str, float]) -> Any:
+    missing = [name for name in expected if name not in gains]
+    if missing:
+        raise ValueError(
+            f"a gain matrix needs all of {expected[0]} ... {expected[-1]}, missing "
+            f"{', '.join(missing)}; take tuned gains with make_tuned"
+        )
+    return np.array([finite(f"gain {name}", gains[name]) for name in expected])

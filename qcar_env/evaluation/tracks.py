@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 
 from qcar_env.envs import task
 from qcar_env.physics.validation import known, positive, whole
-from qcar_env.scenarios import SCENARIOS, Randomisation, Scenario, vary
-from qcar_env.scenarios import scenario as find_scenario
+from qcar_env.scenarios import SCENARIOS, Randomisation, Scenario, scenario as find_scenario, vary
 
 Array = NDArray[np.float64]
 Split = Literal["training", "validation", "held-out"]
@@ -43,16 +42,17 @@ class Episode:
     force_scale: float  # force limit over the scenario's own [-]
     state: tuple[float, float, float, float]  # x1, x2 [m], v1, v2 [m/s] at the start
     phase: float  # of the road at the start [rad]
+    factors: task.Factors = task.UNVARIED  # what `nominal` was multiplied by, see `vary`
 
     @property
-    def factors(self) -> dict[str, float]:
-        """Height, external force and frequency over the nominal ones [-]."""
-        road, force = self.scenario.road, self.scenario.force
-        return {
-            "height": road.h / self.nominal.road.h,
-            "force": force.f / self.nominal.force.f if self.nominal.force.f else 1.0,
-            "frequency": (road.omega / self.nominal.road.omega if self.nominal.road.omega else 1.0),
-        }
+    def weights(self) -> tuple[float, float]:
+        """Uncontrolled amplitudes of this crossing over the nominal ones [-].
+
+        Amplitudes are measured in the nominal ones, as in the environment's reward: a metre counts
+        the same in every draw. With these weights the optimum is in the same units.
+        """
+        own, nominal = self.scenario.reference_amplitudes, self.nominal.reference_amplitudes
+        return own[0] / nominal[0], own[1] / nominal[1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,20 +181,21 @@ def episodes(
     if nominal.randomisation is None:
         states, phases = task.draw_start(rng, nominal, n)
         states[0], phases[0] = 0.0, 0.0
-        drawn = [nominal] * n
+        factors = [task.UNVARIED] * n
     else:
         phases = 2.0 * np.pi * rng.random(n)
         states = np.zeros((n, 4))
-        drawn = [vary(nominal, *row) for row in _hypercube(rng, nominal.randomisation, n)]
+        factors = [task.Factors(*row) for row in _hypercube(rng, nominal.randomisation, n)]
     return tuple(
         Episode(
             nominal=nominal,
-            scenario=each,
+            scenario=vary(nominal, *each),
             force_scale=force_scale,
             state=(float(x[0]), float(x[1]), float(x[2]), float(x[3])),
             phase=float(phase),
+            factors=each,
         )
-        for each, x, phase in zip(drawn, states, phases, strict=True)
+        for each, x, phase in zip(factors, states, phases, strict=True)
     )
 
 

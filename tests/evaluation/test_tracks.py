@@ -38,7 +38,7 @@ def test_draws_are_the_same_at_every_force_limit():
 
 def test_a_latin_hypercube_has_one_value_in_each_cell():
     each = track("randomised")
-    heights = [e.factors["height"] for e in episodes(each, force_scale=1.0)]
+    heights = [e.factors.height for e in episodes(each, force_scale=1.0)]
     cells = np.floor((np.array(heights) - 0.5) * each.episodes).astype(int)
     assert sorted(cells) == list(range(each.episodes))
 

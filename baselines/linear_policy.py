@@ -1,0 +1,107 @@
+"""A matrix times the observation, held within the limit: saturated linear feedback."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from qcar_env.control import lqr
+from qcar_env.control.lqr import Weights
+from qcar_env.envs import task
+from qcar_env.scenarios import Scenario
+
+Array = NDArray[np.float64]
+
+
+class LinearPolicy:
+    """Actions ``clip(K observation, -1, 1)``.
+
+    Parameters
+    ----------
+    gain : array_like (m, k)
+        K, in scaled units: forces in limits, observation as the environment gives it. With k = 4
+        the policy reads the state, with k = 8 also road and external force.
+    name : str
+        Name of the policy.
+
+    Raises
+    ------
+    ValueError
+        If the gain is not a finite matrix with 4 or 8 columns.
+    """
+
+    def __init__(self, gain: ArrayLike, name: str) -> None:
+        self.gain = np.atleast_2d(np.asarray(gain, dtype=np.float64))
+        sizes = (task.FEEDBACK_SIZE, task.FULL_SIZE)
+        if self.gain.shape[1] not in sizes or not np.all(np.isfinite(self.gain)):
+            raise ValueError(
+                f"gain must be a finite matrix with {sizes[0]} or {sizes[1]} columns, got shape "
+                f"{self.gain.shape}; give one column for each entry of the observation"
+            )
+        self.name = name
+        self.reads: task.Observe = "full" if self.gain.shape[1] == task.FULL_SIZE else "feedback"
+
+    def predict(
+        self,
+        observation: Any,
+        state: tuple[NDArray[Any], ...] | None = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], None]:
+        """Return the actions (see `qcar_env.evaluation.policy.Policy`); nothing is remembered.
+
+        Raises
+        ------
+        ValueError
+            If the observation has too few entries.
+        """
+        entries = np.asarray(observation, dtype=np.float64)
+        count = self.gain.shape[1]
+        if entries.shape[-1] < count:
+            raise ValueError(
+                f"observation must have at least {count} entries, got {entries.shape[-1]}; "
+                f"make the environment with observe={self.reads!r}"
+            )
+        action = np.clip(entries[..., :count] @ self.gain.T, -1.0, 1.0)
+        return action.astype(np.float32), None
+
+
+def push(scenario: Scenario) -> Array:
+    """Return the specific forces on wheel and body that action 1 makes, shape (2, m) [m/s^2]."""
+    limits = scenario.actuator.specific_limits(scenario.car)
+    if scenario.actuator.size == 2:
+        return np.diag(limits)
+    return np.array(limits)[:, np.newaxis]
+
+
+def sampled_plant(scenario: Scenario) -> lqr.SampledPlant:
+    """Return the scenario's car in the units of observation and action."""
+    scale = 1.0 / np.array(task.scales(scenario)[:4])
+    return lqr.sampled_plant(scenario.car, scale, push(scenario), scenario.dt)
+
+
+def lqr_policy(scenario: Scenario, weights: Weights) -> LinearPolicy:
+    """Return the linear-quadratic regulator of the scenario's car."""
+    return LinearPolicy(-lqr.regulator(sampled_plant(scenario), weights), "LQR")
+
+
+def lqr_feedforward_policy(scenario: Scenario, weights: Weights) -> LinearPolicy:
+    """Return the regulator that also cancels the road and the external force that it reads.
+
+    Raises
+    ------
+    ValueError
+        If the scenario has one actuator for two masses, which cannot cancel both.
+    """
+    if scenario.actuator.size != 2:
+        raise ValueError(
+            "feedforward needs an actuator on each mass, got actuation "
+            f"{scenario.actuator.actuation!r}; use lqr"
+        )
+    road, force = scenario.road, scenario.force
+    units = np.array([road.h, road.h * road.omega, force.f, force.f * force.Omega])
+    ahead = lqr.feedforward(scenario.car, push(scenario), road.omega, force.Omega, scenario.dt)
+    feedback = -lqr.regulator(sampled_plant(scenario), weights)
+    return LinearPolicy(np.hstack([feedback, ahead * units]), "LQR + feedforward")

@@ -1,0 +1,332 @@
+"""Tune the gains of a baseline: a global search on a training set, all candidates in one batch.
+
+Every candidate of a generation drives every training crossing at once, by the exact transition
+(`qcar_env.evaluation.batch_rollouts`). The crossings start on the optimal steady motion, which good
+gains keep and bad ones leave; what is reported starts elsewhere and runs longer.
+
+Search: differential evolution, R. Storn, K. Price, Journal of Global Optimization 11, 1997, as in
+`scipy.optimize`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import differential_evolution
+
+from qcar_env.analysis.optimum import period_optimum
+from qcar_env.control import lqr
+from qcar_env.control.lqr import Weights
+from qcar_env.evaluation.batch_rollouts import Crossings, batch_rollout, steady_rho, window_steps
+from qcar_env.evaluation.tracks import Episode, Track, episodes
+from qcar_env.physics.state import Filter, State
+from qcar_env.physics.validation import known, whole
+from qcar_env.scenarios import Scenario
+
+from . import catalogue
+from .law_policy import filter_matrices, first_order_hold
+from .linear_policy import LinearPolicy, sampled_plant
+
+Array = NDArray[np.float64]
+
+DURATION = 15.0  # [s] of a training crossing: three time constants of the slow mode
+PERIODS = 20  # whole periods at its end over which the amplitude is taken
+SETTLED = 60.0  # [s] from rest, of the validation that chooses between the searches
+
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """What is searched for one baseline.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Gains, as `catalogue.make` takes them.
+    low, high : tuple of float
+        Box of the search coordinates.
+    scale : {"log", "linear", "sinh"}
+        Gain of a coordinate c: ``10^c``, ``c`` or ``sinh(c)``.
+    generations : int
+        At most.
+    """
+
+    names: tuple[str, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
+    scale: tuple[str, ...]
+    generations: int = 40
+
+    def gains(self, coordinates: Sequence[float]) -> dict[str, float]:
+        """Return the gains of a point."""
+        decode: dict[str, Callable[[float], float]] = {
+            "log": lambda c: 10.0**c,
+            "linear": lambda c: c,
+            "sinh": lambda c: float(np.sinh(c)),
+        }
+        return {
+            name: float(decode[scale](c))
+            for name, scale, c in zip(self.names, self.scale, coordinates, strict=True)
+        }
+
+
+def _search(*entries: tuple[str, float, float, str], generations: int = 40) -> Search:
+    names, low, high, scale = zip(*entries, strict=True)
+    return Search(names=names, low=low, high=high, scale=scale, generations=generations)
+
+
+_MATRIX = 5.5  # sinh(5.5) = 122: a hundredth of the amplitude may ask for the whole force
+
+SEARCHES: Mapping[str, Search] = MappingProxyType(
+    {
+        "cnvc": _search(("G1", -2.0, 2.5, "log"), ("G2", -2.0, 2.5, "log")),
+        "lnvc": _search(("G1", -1.0, 3.0, "log"), ("G2", -1.0, 3.0, "log")),
+        "ppf": _search(("G1", 0.0, 3.4, "log"), ("G2", 0.0, 3.4, "log")),
+        "ndf": _search(("G1", -1.0, 3.0, "log"), ("G2", -1.0, 3.0, "log")),
+        "pd": _search(
+            ("p1", -2500.0, 5000.0, "linear"),
+            ("p2", -2500.0, 5000.0, "linear"),
+            ("d1", -1.0, 3.0, "log"),
+            ("d2", -1.0, 3.0, "log"),
+            generations=60,
+        ),
+        "skyhook": _search(("G", -1.0, 3.0, "log"), generations=15),
+        "groundhook": _search(("G", -1.0, 3.0, "log"), generations=15),
+        "lqr": _search(
+            ("q2", -3.0, 3.0, "log"), ("r1", -7.0, 2.0, "log"), ("r2", -7.0, 2.0, "log")
+        ),
+        "lqr-feedforward": _search(
+            ("q2", -3.0, 3.0, "log"), ("r1", -7.0, 2.0, "log"), ("r2", -7.0, 2.0, "log")
+        ),
+        # Its forces are those of the feedforward in steady motion, and so are its best weights.
+        "lqr-model": _search(
+            ("q2", -3.0, 3.0, "log"), ("r1", -7.0, 2.0, "log"), ("r2", -7.0, 2.0, "log")
+        ),
+        "state": _search(
+            *((name, -_MATRIX, _MATRIX, "sinh") for name in catalogue.MATRIX_GAINS[:8]),
+            generations=100,
+        ),
+        "linear": _search(
+            *((name, -_MATRIX, _MATRIX, "sinh") for name in catalogue.MATRIX_GAINS),
+            generations=150,
+        ),
+    }
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tuned:
+    """Gains that a search found, and how."""
+
+    baseline: str
+    track: str
+    track_version: int
+    force_scale: float
+    gains: dict[str, float]
+    training_rho: float  # mean over the training crossings [-]
+    validation_rho: float  # mean over the validation crossings, settled from rest [-]
+    evaluations: int  # candidates tried
+    seed: int
+    command: str
+
+
+def tune(
+    baseline: str,
+    track: Track,
+    force_scale: float,
+    *,
+    seed: int = 0,
+    population: int = 48,
+    crossings: int | None = None,
+    command: str = "",
+) -> Tuned:
+    """Search the gains of one baseline at one force limit.
+
+    Parameters
+    ----------
+    baseline : str
+        One of `SEARCHES`.
+    track : Track
+        Its training set is searched on, its validation set is scored on.
+    force_scale : float
+        Force limit over the scenario's own [-].
+    seed : int
+        Seed of the search.
+    population : int
+        Candidates in a generation.
+    crossings : int, optional
+        Training crossings: by default 1, and 12 where the scenario varies.
+    command : str
+        Command line that is stored with the gains.
+
+    Returns
+    -------
+    Tuned
+
+    Raises
+    ------
+    ValueError
+        If the baseline has nothing to search or a number is out of range.
+    """
+    search = SEARCHES[known("baseline to tune", baseline, SEARCHES)]
+    whole("population", population, least=5)
+    varies = track.nominal.randomisation is not None
+    count = crossings or (12 if varies else 1)
+    nominal = track.at(force_scale)
+    training = episodes(track, "training", force_scale=force_scale, count=count)
+    cars = Crossings([_on_optimum(each) for each in training])
+    evaluations = 0
+
+    def mean_rho(points: Array) -> Array:
+        nonlocal evaluations
+        columns = points.reshape(len(search.names), -1)
+        evaluations += columns.shape[1]
+        act = _candidates(baseline, [search.gains(c) for c in columns.T], nominal, count)
+        return _batch_rho(cars, act, columns.shape[1])
+
+    low, high = np.array(search.low), np.array(search.high)
+    rng = np.random.default_rng(seed)
+    first = low + (high - low) * rng.random((population, len(low)))
+    good = _good_starts(baseline, nominal, population // 3, rng)
+    if len(good):
+        first[: len(good)] = np.clip(good, low, high)
+    found = differential_evolution(
+        mean_rho,
+        list(zip(low, high, strict=True)),
+        init=first,
+        maxiter=search.generations,
+        mutation=(0.4, 0.9),
+        recombination=0.8,
+        tol=1e-4,
+        polish=False,
+        updating="deferred",
+        vectorized=True,
+        rng=np.random.default_rng(seed + 1),
+    )
+    gains = search.gains(found.x)
+    return Tuned(
+        baseline=baseline,
+        track=track.name,
+        track_version=track.version,
+        force_scale=force_scale,
+        gains=gains,
+        training_rho=float(found.fun),
+        validation_rho=validate(baseline, gains, track, force_scale),
+        evaluations=evaluations,
+        seed=seed,
+        command=command,
+    )
+
+
+def validate(baseline: str, gains: dict[str, float], track: Track, force_scale: float) -> float:
+    """Return the mean rho over the validation set, settled from rest [-]."""
+    policy = catalogue.make(baseline, track.at(force_scale), **gains)
+    cases = episodes(track, "validation", force_scale=force_scale)
+    rolled = batch_rollout(policy, cases, duration=SETTLED, observe=policy.reads)
+    return float(np.mean(steady_rho(rolled, PERIODS)))
+
+
+def load(path: Path = catalogue.STORE) -> tuple[Tuned, ...]:
+    """Return the stored gains; empty if there is no such file."""
+    if not path.exists():
+        return ()
+    return tuple(Tuned(**each) for each in json.loads(path.read_text(encoding="utf-8")))
+
+
+def _on_optimum(case: Episode) -> Episode:
+    """Return the crossing started on its own optimal steady motion."""
+    plan = period_optimum(case.scenario, weights=case.weights)
+    share = (case.phase / (2.0 * np.pi)) % 1.0
+    state = plan.x[int(share * (len(plan.x) - 1))]
+    return dataclasses.replace(case, state=tuple(float(value) for value in state))
+
+
+def _batch_rho(cars: Crossings, act: Callable[[Array, Array], Array], candidates: int) -> Array:
+    """Return the mean rho of each candidate over the crossings, shape (candidates,)."""
+    n = len(cars.episodes)
+    steps = round(DURATION / cars.dt)
+    window = max(window_steps(each, PERIODS) for each in cars.episodes)
+    wide = cars.repeated(candidates)
+    x = wide.start_states
+    peak = np.zeros((candidates * n, 2))
+    for k in range(steps):
+        world = wide.world(k)
+        seen = wide.observation(x, world).astype(np.float64)
+        x = wide.step(x, act(seen, x), world)
+        np.clip(x, -1e6, 1e6, out=x)  # a diverging candidate stays a number
+        if k >= steps - window:
+            np.maximum(peak, np.abs(x[:, :2]), out=peak)
+    amplitudes = np.array([each.nominal.reference_amplitudes for each in cars.episodes])
+    scale = np.tile(amplitudes, (candidates, 1))
+    return (peak / scale).max(axis=1).reshape(candidates, n).mean(axis=1)
+
+
+def _candidates(
+    baseline: str, gains: Sequence[dict[str, float]], nominal: Scenario, n: int
+) -> Callable[[Array, Array], Array]:
+    """Return ``act(observation, x)`` for all candidates on n crossings, candidate by candidate."""
+    if baseline in catalogue.LAW_POLICIES:
+        laws = [catalogue.LAW_POLICIES[baseline](**each) for each in gains]
+        return _law_candidates(laws, nominal, n)
+    twin = "lqr-feedforward" if baseline == "lqr-model" else baseline
+    policies = [catalogue.make(twin, nominal, **each) for each in gains]
+    matrices = [policy.gain for policy in policies if isinstance(policy, LinearPolicy)]
+    k = np.repeat(np.array(matrices), n, axis=0)  # (candidates n, m, entries)
+    entries = k.shape[2]
+
+    def act(seen: Array, x: Array) -> Array:
+        return np.clip(np.matmul(k, seen[:, :entries, np.newaxis])[:, :, 0], -1.0, 1.0)
+
+    return act
+
+
+def _law_candidates(
+    laws: Sequence[Any], nominal: Scenario, n: int
+) -> Callable[[Array, Array], Array]:
+    first = laws[0]
+    columns = np.array([law.gains for law in laws], dtype=np.float64).T
+    gains = type(first.gains)(*(np.repeat(column, n) for column in columns))
+    limits = np.array(nominal.actuator.specific_limits(nominal.car))
+    hold = None
+    if first.filter_rate is not None:  # its frequency and damping are not searched: one for all
+        hold = first_order_hold(*filter_matrices(first), nominal.dt)
+    eta = last = np.zeros((len(laws) * n, 4))
+    begun = False
+
+    def act(seen: Array, x: Array) -> Array:
+        nonlocal eta, last, begun
+        if hold is not None and begun:
+            eta = eta @ hold[0].T + last @ hold[1].T + x @ hold[2].T
+        last, begun = x, True
+        u1, u2 = first.command(State(*x.T), Filter(*eta.T), gains)
+        return np.clip(np.stack([u1, u2], axis=1) / limits, -1.0, 1.0)
+
+    return act
+
+
+def _good_starts(baseline: str, nominal: Scenario, count: int, rng: np.random.Generator) -> Array:
+    """Return points that regulators with random weights make, for the matrix searches."""
+    if baseline not in ("state", "linear"):
+        return np.empty((0, 0))
+    plant = sampled_plant(nominal)
+    road, force = nominal.road, nominal.force
+    units = np.array([road.h, road.h * road.omega, force.f, force.f * force.Omega])
+    push = np.diag(nominal.actuator.specific_limits(nominal.car))
+    ahead = lqr.feedforward(nominal.car, push, road.omega, force.Omega, nominal.dt) * units
+    found: list[Array] = []
+    for _ in range(count):
+        q2, r1, r2 = 10.0 ** rng.uniform((-2.0, -4.0, -4.0), (2.0, 0.0, 0.0))
+        k = -lqr.regulator(plant, Weights(q2=q2, r1=r1, r2=r2))
+        if baseline == "linear":
+            k = np.hstack([k, rng.uniform(0.0, 1.0) * ahead])
+            found.append(np.arcsinh(np.concatenate([k[:, :4].ravel(), k[:, 4:].ravel()])))
+        else:
+            found.append(np.arcsinh(k.ravel()))
+    return np.array(found)
