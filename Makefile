@@ -26,9 +26,12 @@ absent := $(filter-out $(basename $(notdir $(wildcard scripts/*.py))), \
 
 # ---- commands ---------------------------------------------------------------------------------
 
-.PHONY: compare figures throughput benchmark train watch docs
+.PHONY: compare report figures throughput benchmark train watch docs
 compare: scripts/compare.py $(VENV)/.installed-compare ## compare the control laws on the paper's worst case
 	$(PY) $< $(ARGS)
+
+report: scripts/compare.py $(VENV)/.installed-report ## the same with an interactive page, results/compare/report.html
+	$(PY) $< --report $(ARGS)
 
 figures: scripts/figures.py $(VENV)/.installed-compare ## make the figures
 	$(PY) $< $(ARGS)
@@ -75,11 +78,12 @@ clean: ## remove .venv, caches and builds (results stay)
 # ---- set-up -----------------------------------------------------------------------------------
 
 extras_compare := plots
+extras_report := plots,run,mpc,report
 extras_watch := plots,run,mpc,render
 extras_train := plots,run,mpc,train,render
 extras_docs := plots,run,mpc,render,report,docs
 extras_test := plots,run,mpc,train,render,report,docs,test,dev
-stamps := $(addprefix $(VENV)/.installed-,compare watch train docs test)
+stamps := $(addprefix $(VENV)/.installed-,compare report watch train docs test)
 
 # .venv is ready if it was made here and completely, and its Python still runs.
 ready := $(shell [ ! -e $(VENV)/.unfinished ] && [ "$$(cat $(VENV)/.root 2>/dev/null)" = "$(CURDIR)" ] \

@@ -1,0 +1,279 @@
+"""The report of `scripts/compare.py`: several policies in one scenario at one force limit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from qcar_env.analysis.forced_car import from_scenario, stack, sweep
+from qcar_env.analysis.harmonic_balance import balance
+from qcar_env.analysis.optimum import period_optimum
+from qcar_env.analysis.table1 import Cell
+from qcar_env.control.law import Law
+from qcar_env.evaluation.comparison import Outcome
+from qcar_env.evaluation.rollouts import Rollout
+from qcar_env.plots.style import line
+from qcar_env.report.content import Chart, Column, Curve, Report, Table, dash, history, parameters
+from qcar_env.scenarios import Scenario
+
+SCALES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of the limit, for the optimum
+RESPONSE = (0.82, 1.18, 181)  # forcing frequency over the scenario's: from, to, number of points
+HARMONICS = 3  # of the response; the third is all that the cubic law adds to 0.1 %
+
+
+def comparison(
+    scenario: Scenario,
+    outcomes: Sequence[Outcome],
+    rollouts: Mapping[str, Rollout],
+    laws: Mapping[str, Law],
+    *,
+    table1: Sequence[Cell] = (),
+    duration: float,
+    provenance: Mapping[str, str],
+) -> Report:
+    """Collect the report of a comparison.
+
+    Parameters
+    ----------
+    scenario : Scenario
+        What was crossed, with the force limit used.
+    outcomes : sequence of Outcome
+        One for each policy.
+    rollouts : mapping
+        Time histories by policy; a policy without one has no curve.
+    laws : mapping
+        Laws by policy name, for their response curves in continuous time.
+    table1 : sequence of Cell
+        The paper's Table 1, if it was made.
+    duration : float
+        Simulated time [s].
+    provenance : mapping
+        Command, versions, start: what is needed to make it again.
+
+    Returns
+    -------
+    Report
+    """
+    unit = scenario.actuator.unit
+    harmonic = scenario.road.profile == "harmonic"
+    limits = " and ".join(f"{value:g}" for value in scenario.actuator.limit)
+    tables = [_leaderboard(outcomes, unit)]
+    if table1:
+        tables.append(_paper_table(table1))
+    charts: list[Chart] = []
+    optimum = None
+    if harmonic:
+        frontier, optimum = _frontier(scenario, outcomes)
+        charts.append(frontier)
+        charts += _responses(scenario, laws)
+    return Report(
+        title=f"Comparison in the scenario {scenario.name}",
+        lead=(
+            f"{scenario.title}. Every policy acts each {scenario.dt * 1e3:g} ms with at most "
+            f"{limits} {unit.replace('^2', '²')}, {duration:g} s from rest."
+        ),
+        findings=_findings(outcomes, optimum),
+        tables=tuple(tables),
+        charts=tuple(charts),
+        histories=tuple(
+            history(name, each, label=line(name).label) for name, each in rollouts.items()
+        ),
+        force_unit=unit,
+        parameters=parameters(scenario),
+        provenance=provenance,
+        shown=tuple(line(name).label for name in _first_shown(outcomes)),
+    )
+
+
+def _leaderboard(outcomes: Sequence[Outcome], unit: str) -> Table:
+    forces = ("wheel", "body") if len(outcomes[0].peak_force) == 2 else ("",)
+    unit = unit.replace("^2", "²")
+    columns = [
+        Column(title="policy", numeric=False),
+        Column(
+            title="rho",
+            digits=3,
+            note="the larger of the two amplitudes over those without control",
+        ),
+        Column(title="x1", unit="m", note="largest displacement of the wheel, last five periods"),
+        Column(title="x2", unit="m", note="largest displacement of the body, last five periods"),
+        Column(title="x1", unit="dB", digits=3, note="relative to no control"),
+        Column(title="x2", unit="dB", digits=3, note="relative to no control"),
+        Column(title="error x1", unit="%", digits=3, note="the paper's (vA1 - vA2) / vA2"),
+        Column(title="error x2", unit="%", digits=3, note="the paper's (vA1 - vA2) / vA2"),
+        *(Column(title=f"peak force {each}".strip(), unit=unit, digits=3) for each in forces),
+        *(Column(title=f"RMS force {each}".strip(), unit=unit, digits=3) for each in forces),
+    ]
+    ranked = sorted(outcomes, key=lambda each: each.rho)
+    rows = [
+        (
+            line(each.policy).label + (" (left the travel limit)" if each.terminated else ""),
+            each.rho,
+            *each.amplitudes,
+            *(_zero(-value, 0.01) for value in each.reductions),
+            *(_zero(value, 0.1) for value in each.percentage_errors),
+            *each.peak_force,
+            *each.rms_force,
+        )
+        for each in ranked
+    ]
+    return Table(
+        title="Leaderboard",
+        note="Press a column's head to sort by it. rho: 1 is no control, 0 is stillness.",
+        columns=tuple(columns),
+        rows=tuple(rows),
+        colours=tuple(line(each.policy).color for each in ranked),
+    )
+
+
+def _paper_table(cells: Sequence[Cell]) -> Table:
+    return Table(
+        title="Table 1 of the paper",
+        note="The law acts at every instant and its force is not limited. Error: (no control - "
+        "controlled) / controlled. The last column is the ratio of no control to controlled, ours "
+        "over the paper's.",
+        columns=(
+            Column(title="law", numeric=False),
+            Column(title="G", digits=2),
+            Column(title="mass", numeric=False),
+            Column(title="no control", unit="m"),
+            Column(title="controlled", unit="m"),
+            Column(title="error", unit="%"),
+            Column(title="the paper's error", unit="%"),
+            Column(title="agreement", digits=3),
+        ),
+        rows=tuple(
+            (
+                cell.law,
+                cell.gain,
+                f"x{cell.mass}",
+                cell.uncontrolled,
+                cell.controlled,
+                cell.percentage_error,
+                cell.printed,
+                cell.agreement,
+            )
+            for cell in cells
+        ),
+        colours=tuple(line(cell.law).color for cell in cells),
+    )
+
+
+def _frontier(scenario: Scenario, outcomes: Sequence[Outcome]) -> tuple[Chart, float]:
+    """Return the policies over the force that they used, above what any force can reach."""
+    best = [period_optimum(scenario.with_force_scale(scale)).rho for scale in SCALES]
+    curves = [
+        Curve(
+            label="optimum: no policy can be below",
+            x=100.0 * np.array((0.0, *SCALES)),
+            y=np.array((1.0, *best)),
+            colour=line("optimum").color,
+            dash=dash("optimum"),
+            mode="lines+markers",
+        )
+    ]
+    for each in outcomes:
+        used = [
+            peak / limit
+            for peak, limit in zip(each.peak_force, scenario.actuator.limit, strict=True)
+        ]
+        style = line(each.policy)
+        curves.append(
+            Curve(
+                label=style.label,
+                x=np.array([100.0 * max(used)]),
+                y=np.array([each.rho]),
+                colour=style.color,
+                mode="markers",
+            )
+        )
+    chart = Chart(
+        title="Amplitude against force",
+        note="The dashed line is the least vibration that any force within so much of the limit "
+        "can leave, a linear program; rho is the larger of the two amplitudes over those without "
+        "control. A policy stands where the largest share of the limits that "
+        "it used puts it.",
+        x_label="peak force over the limit [%]",
+        y_label="rho [-]",
+        curves=tuple(curves),
+    )
+    return chart, best[-1]
+
+
+def _responses(scenario: Scenario, laws: Mapping[str, Law]) -> list[Chart]:
+    """Return amplitude against forcing frequency, laws in continuous time without a limit."""
+    if scenario.actuator.actuation != "independent" or (
+        scenario.force.f and scenario.force.Omega != scenario.road.omega
+    ):
+        return []
+    low, high, count = RESPONSE
+    omega = scenario.road.omega * np.linspace(low, high, count)
+    found = {}
+    for name, law in laws.items():
+        cars = stack(list(sweep(from_scenario(scenario, law), "omega", omega)))
+        motions = balance(cars, harmonics=HARMONICS)
+        found[name] = np.where(motions.converged, motions.peaks[:2], np.nan)
+    return [
+        Chart(
+            title=f"Response curves, {mass}",
+            note="Steady amplitude against the frequency of road and external force together; the "
+            "law acts at every instant without a limit. Harmonic balance with three harmonics."
+            if row == 0
+            else "",
+            x_label="omega = Omega [rad/s]",
+            y_label=f"amplitude of x{row + 1}, {mass} [m]",
+            logarithmic=True,
+            curves=tuple(
+                Curve(
+                    label=line(name).label,
+                    x=omega,
+                    y=amplitudes[row],
+                    colour=line(name).color,
+                    dash=dash(name),
+                )
+                for name, amplitudes in found.items()
+            ),
+        )
+        for row, mass in enumerate(("wheel", "body"))
+    ]
+
+
+def _findings(outcomes: Sequence[Outcome], optimum: float | None) -> tuple[str, ...]:
+    ranked = sorted((each for each in outcomes if not each.terminated), key=lambda each: each.rho)
+    if not ranked:
+        return ("Every policy left the travel limit.",)
+    best = ranked[0]
+    found = [
+        f"{line(best.policy).label} leaves the least vibration: the wheel moves by "
+        f"{best.amplitudes[0]:.3g} m instead of {best.uncontrolled[0]:.3g} m, the body by "
+        f"{best.amplitudes[1]:.3g} m instead of {best.uncontrolled[1]:.3g} m (rho = "
+        f"{best.rho:.3g})."
+    ]
+    if optimum is not None:
+        found.append(
+            f"No force within the limit, of any shape, reaches a rho below {optimum:.2g}."
+            if optimum > 1e-3
+            else "A force within the limit could stop the motion but for a thousandth or less."
+        )
+    gentle = min(ranked, key=lambda each: max(each.peak_force) if each.rho < 0.999 else np.inf)
+    if gentle is not best and gentle.rho < 0.999:
+        forces = " / ".join(f"{value:.3g}" for value in gentle.peak_force)
+        found.append(
+            f"The laws use very different forces at these gains: {line(gentle.policy).label} "
+            f"peaks at {forces}, "
+            f"{line(best.policy).label} at {' / '.join(f'{v:.3g}' for v in best.peak_force)}."
+        )
+    return tuple(found)
+
+
+def _zero(value: float, least: float) -> float:
+    """Return 0 for what is too small to be told from it."""
+    return 0.0 if abs(value) < least else value
+
+
+def _first_shown(outcomes: Sequence[Outcome]) -> list[str]:
+    """No control and the three best: more curves than that hide one another."""
+    ranked = [each.policy for each in sorted(outcomes, key=lambda each: each.rho)]
+    names = ["none"] if "none" in ranked else []
+    return names + [name for name in ranked if name != "none"][:3]

@@ -1,0 +1,235 @@
+"""What a report holds: tables, time histories, charts, and where they come from.
+
+These records know nothing of HTML; `qcar_env.report.page` writes them.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_env.evaluation.rollouts import Rollout
+from qcar_env.physics.car import UNITS
+from qcar_env.physics.linear import modes
+from qcar_env.plots.style import line
+from qcar_env.scenarios import Scenario
+
+Array = NDArray[np.float64]
+Cell = str | float | None
+Mode = Literal["lines", "markers", "lines+markers"]
+
+DASHES = {"-": "solid", "--": "dash", ":": "dot", "-.": "dashdot"}
+FIRST = 3.0  # [s] of a time history that is kept sample by sample
+PERIODS = 5  # at its end that are, too
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """A column of a table."""
+
+    title: str
+    unit: str = ""  # shown beside the title
+    digits: int = 4  # significant ones of a number
+    numeric: bool = True
+    exact: bool = False  # as few digits as the number needs, for parameters
+    note: str = ""  # explains it, on hover and for screen readers
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """A table that its reader can sort."""
+
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+    colours: tuple[str, ...] = ()  # one for each row: that of its policy
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """A curve or a cloud of points."""
+
+    label: str
+    x: Array  # (k,)
+    y: Array  # (k,)
+    colour: str  # #rrggbb
+    dash: str = "solid"
+    mode: Mode = "lines"
+    low: Array | None = None  # (k,) lower end of an interval around y
+    high: Array | None = None  # (k,) its upper end
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chart:
+    """Axes with curves."""
+
+    title: str
+    x_label: str
+    y_label: str
+    curves: tuple[Curve, ...]
+    note: str = ""
+    logarithmic: bool = False  # y axis
+    logarithmic_x: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class History:
+    """The motion of one car under one policy, thinned for a page.
+
+    The beginning and the last periods are kept sample by sample; between them the largest and the
+    smallest displacement of each period, which is all that a screen shows of it.
+    """
+
+    label: str
+    colour: str  # #rrggbb
+    dash: str
+    group: str  # which histories are shown together, such as a force limit
+    dt: float  # [s]
+    first: Array  # (k, 4 + m) x1, x2, v1, v2, forces from the start
+    last: Array  # (j, 4 + m) the same at the end
+    last_start: float  # time of its first row [s]
+    middles: Array  # (p,) time of each period [s]
+    low: Array  # (p, 2) smallest x1, x2 of each period [m]
+    high: Array  # (p, 2) largest x1, x2 of each period [m]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """A whole report."""
+
+    title: str
+    lead: str  # what was compared, in two sentences
+    findings: tuple[str, ...]  # what came out, one sentence each
+    tables: tuple[Table, ...]
+    charts: tuple[Chart, ...]
+    histories: tuple[History, ...]
+    force_unit: str
+    parameters: Table
+    provenance: Mapping[str, str]
+    shown: tuple[str, ...] = field(default=())  # labels of the histories shown at first
+
+
+def dash(law: str) -> str:
+    """Return the dash pattern of a law's line in the words of plotly."""
+    style = line(law).linestyle
+    if isinstance(style, str):
+        return DASHES[style]
+    # plotly's dashes are in pixels, matplotlib's in line widths of about a pixel and a half.
+    return ",".join(f"{round(1.6 * part)}px" for part in style[1])
+
+
+def history(law: str, rollout: Rollout, *, label: str | None = None, group: str = "") -> History:
+    """Thin a rollout for a page.
+
+    Parameters
+    ----------
+    law : str
+        Name of the policy, for its colour.
+    rollout : Rollout
+        The time histories.
+    label : str, optional
+        What it is called; the law's label if left out.
+    group : str
+        Which histories are shown together.
+
+    Returns
+    -------
+    History
+    """
+    t = rollout.t
+    dt = float(t[1] - t[0]) if len(t) > 1 else rollout.scenario.dt
+    everything = np.column_stack([rollout.x1, rollout.x2, rollout.v1, rollout.v2, rollout.force])
+    per_period = max(2, round(2.0 * np.pi / rollout.scenario.reference_frequency / dt))
+    whole = max(1, len(t) // per_period)
+    blocks = everything[: whole * per_period, :2].reshape(whole, -1, 2)
+    last = min(len(t), PERIODS * per_period + 1)
+    style = line(law)
+    return History(
+        label=style.label if label is None else label,
+        colour=style.color,
+        dash=dash(law),
+        group=group,
+        dt=dt,
+        first=everything[: round(FIRST / dt)],
+        last=everything[-last:],
+        last_start=float(t[-last]),
+        middles=t[: whole * per_period].reshape(whole, -1).mean(axis=1),
+        low=blocks.min(axis=1),
+        high=blocks.max(axis=1),
+    )
+
+
+def parameters(scenario: Scenario) -> Table:
+    """Return every parameter of a scenario with its symbol and unit."""
+    car, road, force, actuator = scenario.car, scenario.road, scenario.force, scenario.actuator
+    rows: list[tuple[Cell, ...]] = []
+    for name, what in CAR_WORDS.items():
+        value = getattr(car, name)
+        if value is not None:
+            rows.append((what, name, value, _raised(UNITS[name])))
+    rows.append(("road", "", road.profile, ""))
+    rows.append(("height of the hump", "h", road.h, "m"))
+    if road.omega:
+        rows.append(("its frequency", "omega", road.omega, "rad/s"))
+    if road.profile in ("hump", "train"):
+        rows.append(("time over a hump", "", road.duration, "s"))
+        rows.append(("number of humps", "", road.count, ""))
+        rows.append(("first hump at", "", road.start, "s"))
+    if force.f:
+        rows.append(("external force on the body", "f", force.f, "m/s²"))
+        rows.append(("its frequency", "Omega", force.Omega, "rad/s"))
+    places = ("wheel", "body") if actuator.size == 2 else ("between the masses",)
+    for place, limit in zip(places, actuator.limit, strict=True):
+        rows.append((f"force limit, {place}", "", limit, _raised(actuator.unit)))
+    for number, mode in enumerate(modes(car), start=1):
+        rows.append((f"mode {number}, frequency", "", mode.frequency, "rad/s"))
+        rows.append((f"mode {number}, damping ratio", "", mode.damping_ratio, ""))
+    for symbol, mass, value in zip(
+        ("A1", "A2"), ("wheel", "body"), scenario.reference_amplitudes, strict=True
+    ):
+        rows.append((f"amplitude without control, {mass}", symbol, value, "m"))
+    rows.append(("control interval", "dt", scenario.dt, "s"))
+    rows.append(("RK4 steps in it", "substeps", scenario.substeps, ""))
+    rows.append(("episode", "duration", scenario.duration, "s"))
+    rows.append(("travel that ends it", "travel_limit", scenario.travel_limit, "A"))
+    if scenario.randomisation is not None:
+        for each in dataclasses.fields(scenario.randomisation):
+            low, high = getattr(scenario.randomisation, each.name)
+            if high > low:
+                rows.append((f"drawn: factor on {each.name}", "", f"{low:g} to {high:g}", ""))
+    return Table(
+        title=f"Scenario {scenario.name}",
+        note=f"{scenario.title}. Source: {scenario.source}.",
+        columns=(
+            Column(title="what", numeric=False),
+            Column(title="symbol", numeric=False),
+            Column(title="value", digits=5, exact=True),
+            Column(title="unit", numeric=False),
+        ),
+        rows=tuple(rows),
+    )
+
+
+CAR_WORDS: Mapping[str, str] = {
+    "omega1": "frequency of the wheel, body held",
+    "omega2": "frequency of the body, wheel held",
+    "b1": "damping of the wheel",
+    "b2": "damping of the body",
+    "E1": "spring coupling on the wheel",
+    "E2": "damper coupling on the wheel",
+    "E3": "spring coupling on the body",
+    "mu1": "tyre stiffness per wheel mass",
+    "mu2": "tyre damping per wheel mass",
+    "m1": "mass of the wheel",
+    "m2": "mass of the body",
+}
+
+
+def _raised(unit: str) -> str:
+    return unit.replace("^2", "²").replace("^3", "³")
