@@ -1,0 +1,174 @@
+"""Statistics of few runs: interquartile mean, stratified bootstrap, probability of improvement.
+
+Source: R. Agarwal, M. Schwarzer, P. S. Castro, A. Courville, M. G. Bellemare, Deep reinforcement
+learning at the edge of the statistical precipice, NeurIPS 2021. All draws come from the generator
+that is passed in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from qcar_env.physics.validation import whole
+
+Array = NDArray[np.float64]
+Statistic = Callable[[Array], Array]
+
+RESAMPLES = 2000  # bootstrap resamples: the ends of a 95 % interval to a few % of its width
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interval:
+    """A statistic with the interval that the bootstrap gives it, in the values' own unit."""
+
+    value: float
+    low: float
+    high: float
+    level: float  # share of resamples inside [-]
+
+
+def iqm(values: ArrayLike) -> Array:
+    """Return the interquartile mean along the last axis.
+
+    Parameters
+    ----------
+    values : array_like (..., n)
+        At least one value.
+
+    Returns
+    -------
+    ndarray (...)
+        Mean of what is left when the lowest and the highest quarter are dropped, each rounded
+        down to whole values, as in `scipy.stats.trim_mean`.
+    """
+    ordered = np.sort(np.asarray(values, dtype=np.float64), axis=-1)
+    n = ordered.shape[-1]
+    drop = n // 4
+    return ordered[..., drop : n - drop].mean(axis=-1)
+
+
+def mean(values: ArrayLike) -> Array:
+    """Return the mean along the last axis, shape (...)."""
+    return np.asarray(values, dtype=np.float64).mean(axis=-1)
+
+
+def bootstrap(
+    strata: Sequence[ArrayLike],
+    statistic: Statistic,
+    rng: np.random.Generator,
+    *,
+    resamples: int = RESAMPLES,
+    level: float = 0.95,
+) -> Interval:
+    """Return a statistic of all values with its stratified bootstrap interval (percentiles).
+
+    Parameters
+    ----------
+    strata : sequence of array_like (n_s,)
+        Values by stratum (a task, a force limit, a training seed); each stratum is resampled by
+        itself, so that a resample holds as many of each as the data.
+    statistic : callable
+        Maps ``(..., n)`` to ``(...)``, as `iqm` and `mean`.
+    rng : numpy.random.Generator
+        Where the draws come from.
+    resamples : int
+        Number of resamples.
+    level : float
+        Share of resamples inside the interval [-], between 0 and 1.
+
+    Returns
+    -------
+    Interval
+
+    Raises
+    ------
+    ValueError
+        If a stratum is empty or not finite, or a number is out of range.
+    """
+    whole("resamples", resamples)
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level must lie between 0 and 1, got {level}; give 0.95")
+    groups = [_values(each) for each in strata]
+    if not groups:
+        raise ValueError("strata must not be empty; give at least one group of values")
+    drawn = [each[rng.integers(len(each), size=(resamples, len(each)))] for each in groups]
+    found = statistic(np.concatenate(drawn, axis=1))
+    tail = 0.5 * (1.0 - level)
+    low, high = np.quantile(found, (tail, 1.0 - tail))
+    return Interval(
+        value=float(statistic(np.concatenate(groups))),
+        low=float(low),
+        high=float(high),
+        level=level,
+    )
+
+
+def probability_of_improvement(better: ArrayLike, worse: ArrayLike) -> float:
+    """Return the probability that a run of one policy has a lower value than one of another.
+
+    Parameters
+    ----------
+    better, worse : array_like (n,), (k,)
+        Values (smaller is better) of the policy that is asked about, and of the other.
+
+    Returns
+    -------
+    float
+        Share of pairs [-]; a tie counts half (Mann and Whitney's U over ``n k``).
+    """
+    x, y = _values(better)[:, np.newaxis], _values(worse)
+    return float(np.mean((x < y) + 0.5 * (x == y)))
+
+
+def improvement_interval(
+    better: Sequence[ArrayLike],
+    worse: Sequence[ArrayLike],
+    rng: np.random.Generator,
+    *,
+    resamples: int = RESAMPLES,
+    level: float = 0.95,
+) -> Interval:
+    """Return the probability of improvement, averaged over strata, with its interval.
+
+    Parameters
+    ----------
+    better, worse : sequence of array_like
+        Values by stratum, the same strata in both (see `bootstrap`).
+    rng, resamples, level
+        See `bootstrap`.
+
+    Raises
+    ------
+    ValueError
+        If the numbers of strata differ, or see `bootstrap`.
+    """
+    if len(better) != len(worse):
+        raise ValueError(
+            f"both policies must have the same strata, got {len(better)} and {len(worse)}"
+        )
+    whole("resamples", resamples)
+    total = np.zeros(resamples)
+    value = 0.0
+    for one, other in zip(better, worse, strict=True):
+        x, y = _values(one), _values(other)
+        a = x[rng.integers(len(x), size=(resamples, len(x)))][:, :, np.newaxis]
+        b = y[rng.integers(len(y), size=(resamples, len(y)))][:, np.newaxis, :]
+        total += np.mean((a < b) + 0.5 * (a == b), axis=(1, 2)) / len(better)
+        value += probability_of_improvement(x, y) / len(better)
+    tail = 0.5 * (1.0 - level)
+    low, high = np.quantile(total, (tail, 1.0 - tail))
+    return Interval(value=value, low=float(low), high=float(high), level=level)
+
+
+def _values(given: ArrayLike) -> Array:
+    values = np.asarray(given, dtype=np.float64)
+    if values.ndim != 1 or not values.size or not np.all(np.isfinite(values)):
+        raise ValueError(
+            f"values must be a row of finite numbers, got shape {values.shape}; "
+            "leave failed runs out and say so"
+        )
+    return values
