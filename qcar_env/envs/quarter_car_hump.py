@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
@@ -10,10 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.envs import task
-from qcar_env.physics import motion
+from qcar_env.physics import engine_sampled
 from qcar_env.physics.state import State
 from qcar_env.physics.validation import finite, known, positive
 from qcar_env.scenarios import Scenario, scenario as find_scenario, vary
+
+SHOWN = np.dtype(np.float32)
 
 if TYPE_CHECKING:
     from qcar_env.envs.rendering import Picture, Renderer
@@ -124,15 +127,38 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._observe_limit = bool(observe_limit)
         self._force_scale = positive("force_scale", force_scale)
         self._duration = duration
-        self._size = task.observation_size(observe, False)
         self._base = self._configure(scenario)
-        self._episode: Scenario | None = None
+        self._episode: task.Factors | None = None
         self._steps = 0
         self._done = True
         high = task.OBSERVATION_LIMIT
         shape = (task.observation_size(observe, self._observe_limit),)
         self.observation_space = gym.spaces.Box(-high, high, shape, np.float32)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (self._base.actuator.size,), np.float32)
+        self._shape = shape
+        self._action_shape = (self._base.actuator.size,)
+        self._car = np.zeros(engine_sampled.ROWS)
+        self._compile()
+
+    def _compile(self) -> None:
+        functions: Any = task
+        kernels = engine_sampled.kernels(
+            functions,
+            task.observation_size(self._observe, False),
+            self._observe_limit,
+            self._base.actuator.size,
+            False,
+        )
+        self._begin, self._advance = kernels.reset_one, kernels.step_one
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave compiled code and the window behind; they are made anew."""
+        return {**vars(self), "_begin": None, "_advance": None, "_renderer": None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore everything else, and compile."""
+        vars(self).update(state)
+        self._compile()
 
     @property
     def scenario(self) -> Scenario:
@@ -142,12 +168,19 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     @property
     def episode(self) -> Scenario:
         """The scenario of the running episode, as drawn."""
-        return self._base if self._episode is None else self._episode
+        if self._episode is None:
+            return self._base
+        if self._base.randomisation is None:
+            return self._base
+        return vary(self._base, *self._episode)
 
     @property
     def force_limit(self) -> NDArray[np.float64]:
         """Force that action 1 makes in this episode, shape (m,) [m/s^2] or [N]."""
-        return np.array(self.episode.actuator.limit)
+        if self._episode is None:
+            return np.array(self._base.actuator.limit)
+        first = engine_sampled.FORCES
+        return self._car[first : first + self._action_shape[0]].copy()
 
     @property
     def dt(self) -> float:
@@ -158,13 +191,13 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def state(self) -> State:
         """State of the plant in SI units."""
         self._check_running("state")
-        return self._x
+        return State(*self._car[: engine_sampled.WORLD].tolist())
 
     @property
     def time(self) -> float:
         """Time on the road [s], which begins at the drawn phase."""
         self._check_running("time")
-        return self._start + self._steps * self._base.dt
+        return float(self._car[engine_sampled.START]) + self._steps * self._base.dt
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -197,26 +230,22 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if "scenario" in options or "force_scale" in options:
             self._base = self._configure(options.get("scenario", self._named))
         base = self._base
-        nominal = task.nominal_numbers(base, self._named)
-        draws = self.np_random.random(task.DRAWS).tolist()
-        factors = task.draw_factors(draws, nominal)
-        x, angle = task.draw_motion(draws, nominal)
+        given = [math.nan] * 5
         if "state" in options:
-            x = State(*task.given_state(options["state"], base).tolist())
-        angle = finite("phase", options.get("phase", angle), "rad")
-        episode = task.begin(x, angle, factors, nominal)
-        self._episode = base if base.randomisation is None else vary(base, *factors)
-        self._scales = episode.scales
-        self._limits = episode.limits
-        self._plant = episode.plant
-        self._start = episode.start
-        self._x, self._world, self._kink = episode.x, episode.world, episode.kink
+            given[:4] = task.given_state(options["state"], base).tolist()
+        if "phase" in options:
+            given[4] = finite("phase", options["phase"], "rad")
+        draws = self.np_random.random(task.DRAWS)
+        observation = np.empty(self._shape, SHOWN)
+        self._begin(self._car, draws, tuple(given), np.array(self._numbers), observation)
+        self._episode = task.draw_factors(draws.tolist(), self._numbers)
         self._steps = 0
         self._done = False
-        self._action = np.zeros(base.actuator.size)
+        self._action = np.zeros(self._action_shape, SHOWN)
         if self.render_mode == "human":
             self.render()
-        return self._observation(), {"force": np.zeros(base.actuator.size), "phase": angle}
+        phase = float(self._car[engine_sampled.PHASE])
+        return observation, {"force": np.zeros(self._action_shape), "phase": phase}
 
     def step(
         self, action: NDArray[np.float32]
@@ -244,44 +273,27 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._done:
             self._check_running("step")
             raise ValueError("the episode is over; call reset before the next step")
-        a = np.asarray(action, dtype=np.float64)
-        if a.shape != self.action_space.shape:
+        a = np.asarray(action, SHOWN)
+        if a.shape != self._action_shape:
             raise ValueError(
-                f"action must have shape {self.action_space.shape}, got {a.shape}; "
-                f"give one number for each actuator"
+                f"action must have shape {self._action_shape}, got {a.shape}; "
+                "give one number for each actuator"
             )
-        if not np.all(np.isfinite(a)):
-            raise ValueError(f"action must be finite, got {a}; allowed range is [-1, 1]")
-        a = np.clip(a, -1.0, 1.0)
-        base = self._base
-        self._x, self._world, self._kink = motion.interval(
-            self._x,
-            self._world,
-            self._kink,
-            self._start + self._steps * base.dt,
-            base.dt,
-            base.substeps,
-            self._limits[0] * float(a[0]),
-            self._limits[1] * float(a[-1]),
-            self._plant,
+        observation = np.empty(self._shape, SHOWN)
+        force = np.empty(self._action_shape)
+        code, reward, x1, x2, travel, terminated, truncated = self._advance(
+            self._car, a, observation, force, self._dt, self._substeps
         )
+        if code:
+            raise ValueError(f"action must be finite, got {a}; allowed range is [-1, 1]")
         self._steps += 1
         self._action = a
+        if terminated or truncated:
+            self._done = True
         if self.render_mode == "human":
             self.render()
-        cost1, cost2 = task.costs(self._x, self._scales)
-        terminated = bool(task.out_of_travel(self._x, self._scales))
-        truncated = self._steps >= base.steps and not terminated
-        self._done = terminated or truncated
-        penalty = self._scales.penalty if terminated else 0.0
-        info = {
-            "force": a * self.force_limit,
-            "reward_x1": -float(cost1),
-            "reward_x2": -float(cost2),
-            "reward_travel": penalty,
-        }
-        reward = -float(cost1) - float(cost2) + penalty
-        return self._observation(), reward, terminated, truncated, info
+        info = {"force": force, "reward_x1": x1, "reward_x2": x2, "reward_travel": travel}
+        return observation, reward, terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a frame (480, 640, 3) in the mode "rgb_array"; show it in the mode "human".
@@ -328,8 +340,8 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             episode=self.episode,
             time=self.time,
             elapsed=self._steps * self._base.dt,
-            state=self._x,
-            action=tuple(self._action.tolist()),
+            state=self.state,
+            action=tuple(np.clip(self._action, -1.0, 1.0).tolist()),
         )
 
     def close(self) -> None:
@@ -337,12 +349,6 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-
-    def _observation(self) -> NDArray[np.float32]:
-        entries = task.observe(self._x, self._world, self._scales)
-        entries = entries[: self._size] + entries[task.FULL_SIZE :] * self._observe_limit
-        high = task.OBSERVATION_LIMIT
-        return np.clip(np.array(entries), -high, high).astype(np.float32)
 
     def _configure(self, scenario: str | Scenario) -> Scenario:
         found = find_scenario(scenario)
@@ -355,6 +361,8 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         found = found.with_force_scale(self._force_scale)
         if self._duration is not None:
             found = dataclasses.replace(found, duration=self._duration)
+        self._numbers = task.nominal_numbers(found, self._named)
+        self._dt, self._substeps = found.dt, found.substeps
         return found
 
     def _check_running(self, what: str) -> None:

@@ -71,9 +71,7 @@ class Scales(NamedTuple):
     F: Any  # f over the nominal one [-]
     F_dot: Any  # f Omega over the nominal one [-]
     limit: Any  # force limit of this episode over the scenario's own [-]
-    cost: Any  # weight of each relative amplitude in the cost [-]
     travel: Any  # largest |x1 / A1| and |x2 / A2| [-]
-    penalty: Any  # reward of leaving the travel limits, negative [-]
 
 
 class Nominal(NamedTuple):
@@ -326,9 +324,7 @@ def scales_of(h: Any, omega: Any, f: Any, Omega: Any, limit: Any, nominal: Any) 
         ratio(f, nominal.f),
         ratio(f * Omega, nominal.f * nominal.Omega),
         limit / nominal.own_limit,
-        WEIGHT,
         nominal.travel,
-        -TRAVEL_PENALTY * nominal.travel,
     )
 
 
@@ -387,7 +383,7 @@ def costs(x: Any, scales: Any) -> tuple[Any, Any]:
     """Return the two terms of the cost: weighted envelope amplitudes over reference amplitudes.
 
     As ``a_i / A_i = sqrt((x_i / A_i)^2 + (v_i / (omega A_i))^2)``, the observation says it all.
-    The reward of a step is minus the sum of both at its end, plus `Scales.penalty` when it leaves
+    The reward of a step is minus the sum of both at its end, and minus `penalty` when it leaves
     the travel limits.
 
     Parameters
@@ -400,7 +396,7 @@ def costs(x: Any, scales: Any) -> tuple[Any, Any]:
     x1, x2, v1, v2 = x.x1 * scales.x1, x.x2 * scales.x2, x.v1 * scales.v1, x.v2 * scales.v2
     a1 = np.sqrt(x1 * x1 + v1 * v1)
     a2 = np.sqrt(x2 * x2 + v2 * v2)
-    return a1 * scales.cost, a2 * scales.cost
+    return a1 * WEIGHT, a2 * WEIGHT
 
 
 def out_of_travel(x: Any, scales: Any) -> Any:
@@ -408,6 +404,11 @@ def out_of_travel(x: Any, scales: Any) -> Any:
     inside1 = abs(x.x1 * scales.x1) <= scales.travel
     inside2 = abs(x.x2 * scales.x2) <= scales.travel
     return not (inside1 & inside2)
+
+
+def penalty(scales: Any) -> Any:
+    """Return the cost of leaving the travel limits: that of staying there for a long time."""
+    return TRAVEL_PENALTY * scales.travel
 
 
 def bounded(value: Any, limit: Any) -> Any:

@@ -137,12 +137,12 @@ def interval(
             x, world = substep(x, world, plant.by, plant.amplitudes, plant.step, u1, u2, plant.car)
         return x, world, kink
     while time < end:
-        x, world = _part(x, world, time - t, substeps, u1, u2, plant)
+        x, world = part(x, world, time - t, substeps, u1, u2, plant)
         world = World(piece_phasor(kink, plant.road), world.force)
         t = time
         kink += 1
         time = kink_time(kink, plant.road)
-    x, world = _part(x, world, end - t, substeps, u1, u2, plant)
+    x, world = part(x, world, end - t, substeps, u1, u2, plant)
     return x, world, kink
 
 
@@ -158,9 +158,10 @@ def piece_phasor(kink: int, road: Any) -> Phasor:
     return Phasor(1.0, 0.0)
 
 
-def _part(
+def part(
     x: Any, world: Any, duration: float, substeps: int, u1: Any, u2: Any, plant: Any
 ) -> tuple[State, World]:
+    """Advance one car over a time without a kink, shorter than an interval (see `interval`)."""
     if duration <= 0.0:
         return x, world
     size = duration / substeps

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from qcar_env.physics.validation import finite, known, non_negative, positive, whole
 
 Profile = Literal["harmonic", "hump", "train", "step"]
-ENDLESS = 1e300  # [s] duration of a step; finite, so that 0 * ENDLESS is 0
+ENDLESS = 1e30  # [s] duration of a step; finite, so that 0 * ENDLESS is 0
 PROFILES: tuple[Profile, ...] = ("harmonic", "hump", "train", "step")
 COUNTS: dict[str, int] = {"harmonic": 0, "hump": 1, "step": 1}  # a train has any number
 

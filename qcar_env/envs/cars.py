@@ -1,0 +1,282 @@
+"""Many cars in one task, stepped by the compiled engine: what the batched environments share."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from qcar_env.envs import task
+from qcar_env.physics import engine, engine_sampled
+from qcar_env.physics.engine_random import streams
+from qcar_env.physics.rk4 import Step, step_fractions
+from qcar_env.physics.validation import whole
+from qcar_env.scenarios import Scenario
+
+FLOAT = np.dtype(np.float64)
+SHOWN = np.dtype(np.float32)
+BOOL = np.dtype(np.bool_)
+
+DISABLED = engine_sampled.DISABLED
+NEXT_STEP = engine_sampled.NEXT_STEP
+SAME_STEP = engine_sampled.SAME_STEP
+
+
+class Interval(NamedTuple):  # not a dataclass: made in each step, in a fifth of the time
+    """What a control interval brought; the arrays are the caller's own."""
+
+    observations: NDArray[np.float32]  # (n, size)
+    numbers: NDArray[np.float64]  # (4 + m, n) reward, its terms x1, x2, travel, and the forces
+    ends: NDArray[np.bool_]  # (2, n) terminated, truncated
+    finished: int  # cars whose episode is over now
+    begun: int  # cars that have begun their next episode in this interval
+
+
+class Cars:
+    """A batch of cars.
+
+    Parameters
+    ----------
+    n : int
+        Number of cars.
+    scenario : Scenario
+        What all cars drive in at first, see `assign`.
+    own : Scenario
+        The same before a force scale.
+    observe : {"full", "feedback"}
+        What is observed.
+    observe_limit : bool
+        Whether the force limit follows in the observation.
+    single : bool
+        Whether the engine works in single precision.
+    threads : int
+        Number of threads that share the blocks.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        scenario: Scenario,
+        own: Scenario,
+        *,
+        observe: task.Observe,
+        observe_limit: bool,
+        single: bool = False,
+        threads: int = 1,
+    ) -> None:
+        self.n = whole("num_envs", n)
+        self.scenarios = [scenario]
+        self.size = task.observation_size(observe, observe_limit)
+        self.actions = scenario.actuator.size
+        self.finals = np.empty((self.n, self.size), SHOWN)
+        self.restarted = np.zeros(self.n, BOOL)
+        self._entries = task.observation_size(observe, False)
+        self._with_limit = observe_limit
+        self._single = single
+        self._threads = whole("threads", threads)
+        self._sizes = (scenario.dt, scenario.substeps)
+        real = np.float32 if single else np.float64
+        self._fractions = Step(*map(real, step_fractions(scenario.dt / scenario.substeps)))
+        self._blocks = -(-self.n // engine.LANES)
+        width = (engine_sampled.SCRATCH + engine_sampled.CAR) * engine.LANES
+        self._slabs = engine.aligned((self._blocks, engine_sampled.ROWS * engine.LANES), real)
+        self._scratch = engine.aligned((self._threads, width), real)
+        self._quiet = np.zeros(self._blocks, np.int64)
+        self._streams = np.empty((self.n, 4), np.uint64)
+        self._nominals = np.array([task.nominal_numbers(scenario, own)])
+        self._which = np.zeros(self.n, np.int64)
+        self._pool: ThreadPoolExecutor | None = None
+        self._compile()
+
+    def _compile(self) -> None:
+        functions: Any = task
+        self._kernels = engine_sampled.kernels(
+            functions, self._entries, self._with_limit, self.actions, self._single
+        )
+        self._pid = os.getpid()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave compiled code and threads behind; they are made anew."""
+        return {k: v for k, v in vars(self).items() if k not in ("_kernels", "_pool", "_pid")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the arrays and compile."""
+        vars(self).update(state)
+        for name in ("_slabs", "_scratch"):
+            copy = engine.aligned(state[name].shape, state[name].dtype)
+            copy[...] = state[name]
+            setattr(self, name, copy)
+        self._pool = None
+        self._compile()
+
+    def assign(self, cars: NDArray[np.intp], scenario: Scenario, own: Scenario) -> None:
+        """Let `cars` (indices) draw their next episodes from `scenario`.
+
+        Raises
+        ------
+        ValueError
+            If control interval, substeps or actuators differ from those of the batch.
+        """
+        given = (scenario.dt, scenario.substeps, scenario.actuator.size)
+        if given != (*self._sizes, self.actions):
+            raise ValueError(
+                f"scenario {scenario.name!r} has (dt, substeps, actuators) = {given}, this "
+                f"environment {(*self._sizes, self.actions)}; make a new environment for it"
+            )
+        row = np.array(task.nominal_numbers(scenario, own))
+        same = np.flatnonzero((self._nominals == row).all(axis=1))
+        if same.size:
+            self._which[cars] = same[0]
+            self.scenarios[int(same[0])] = scenario
+            return
+        self._nominals = np.vstack([self._nominals, row])
+        self.scenarios.append(scenario)
+        self._which[cars] = len(self._nominals) - 1
+
+    def scenario_of(self, car: int) -> Scenario:
+        """Return the scenario from which a car draws its episodes."""
+        return self.scenarios[int(self._which[car])]
+
+    def seed(self, cars: NDArray[np.intp], seeds: Sequence[int | None]) -> None:
+        """Seed the random streams of `cars`, as `numpy.random.PCG64` does; None: fresh entropy."""
+        self._streams[cars] = streams(seeds)
+
+    def reset(self, mask: NDArray[np.bool_], given: ArrayLike) -> NDArray[np.float32]:
+        """Begin episodes of the cars in `mask`.
+
+        Parameters
+        ----------
+        mask : ndarray (n,) of bool
+            The cars.
+        given : array_like (n, 5)
+            State (x1, x2, v1, v2) [m, m, m/s, m/s] and phase [rad] where they are not drawn, else
+            not a number.
+
+        Returns
+        -------
+        ndarray (n, size) of float32
+            Observations of all cars.
+        """
+        observations = np.empty((self.n, self.size), SHOWN)
+        self._kernels.reset(
+            self._slabs,
+            self._quiet,
+            self._streams,
+            self._nominals,
+            self._which,
+            mask,
+            np.ascontiguousarray(given, FLOAT),
+            self._sizes[0],
+            observations,
+        )
+        return observations
+
+    def step(self, actions: NDArray[np.float32], mode: int) -> Interval:
+        """Hold forces for one control interval.
+
+        Parameters
+        ----------
+        actions : ndarray (n, m) of float32
+            Forces over their limits, contiguous.
+        mode : int
+            `DISABLED`, `NEXT_STEP` or `SAME_STEP`: what becomes of a car whose episode is over.
+
+        Returns
+        -------
+        Interval
+
+        Raises
+        ------
+        ValueError
+            If an action is not a finite number, or a car's episode is over and nothing begins the
+            next one. No car has moved then.
+        """
+        observations = np.empty((self.n, self.size), SHOWN)
+        numbers = np.empty((4 + self.actions, self.n), FLOAT)
+        ends = np.empty((2, self.n), BOOL)
+        rest = (
+            self._slabs,
+            self._quiet,
+            self._streams,
+            self._nominals,
+            self._which,
+            self._scratch,
+            (*self._sizes, mode),
+            self._fractions,
+            actions,
+            observations,
+            numbers,
+            ends,
+            self.finals,
+            self.restarted,
+        )
+        if self._threads == 1 or self._blocks == 1:
+            code, finished, begun = self._kernels.step(0, 0, self._blocks, *rest)
+        else:
+            code, finished, begun = self._step_on_threads(rest, actions, mode)
+        if code:
+            self._refuse(code, actions)
+        return Interval(observations, numbers, ends, finished, begun)
+
+    def _step_on_threads(
+        self, rest: tuple[Any, ...], actions: NDArray[np.float32], mode: int
+    ) -> tuple[int, int, int]:
+        if not np.isfinite(actions).all():  # before any worker moves a car
+            return -1, 0, 0
+        if mode == DISABLED and self.done.any():
+            return -2, 0, 0
+        if self._pool is None or self._pid != os.getpid():
+            self._pool = ThreadPoolExecutor(self._threads)
+            self._pid = os.getpid()
+        workers = min(self._threads, self._blocks)
+        edges = [self._blocks * i // workers for i in range(workers + 1)]
+        jobs = [
+            self._pool.submit(self._kernels.step, i, edges[i], edges[i + 1], *rest)
+            for i in range(1, workers)
+        ]
+        results = [self._kernels.step(0, 0, edges[1], *rest), *(job.result() for job in jobs)]
+        return 0, sum(each[1] for each in results), sum(each[2] for each in results)
+
+    def _refuse(self, code: int, actions: NDArray[np.float32]) -> None:
+        if code == -1:
+            car = int(np.flatnonzero(~np.isfinite(actions).all(axis=1))[0])
+            raise ValueError(
+                f"actions must be finite, got {actions[car]} for car {car}; allowed range is "
+                "[-1, 1]. No car has moved"
+            )
+        over = np.flatnonzero(self.done)
+        raise ValueError(
+            f"the episodes of {over.size} car(s) are over (the first is car {over[0]}); call reset "
+            "with options={'reset_mask': ...} before the next step. No car has moved"
+        )
+
+    def row(self, row: int, count: int = 1) -> NDArray[np.float64]:
+        """Return quantities of `qcar_env.physics.engine_sampled` from `row` on, (count, n)."""
+        parts = self._slabs.reshape(self._blocks, engine_sampled.ROWS, engine.LANES)
+        chosen = parts[:, row : row + count].transpose(1, 0, 2).reshape(count, -1)[:, : self.n]
+        return chosen.astype(FLOAT)
+
+    @property
+    def states(self) -> NDArray[np.float64]:
+        """States (x1, x2, v1, v2) [m, m, m/s, m/s], shape (n, 4)."""
+        return self.row(engine_sampled.PLANT, 4).T
+
+    @property
+    def done(self) -> NDArray[np.bool_]:
+        """Which episodes are over and not begun again, shape (n,)."""
+        return self.row(engine_sampled.DONE)[0] > 0.0
+
+    @property
+    def phases(self) -> NDArray[np.float64]:
+        """Phase of each car's road when its episode began [rad], shape (n,)."""
+        return self.row(engine_sampled.PHASE)[0]
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that the cars take [B]."""
+        held = (self._slabs, self._quiet, self._streams, self._which, self.finals, self.restarted)
+        return sum(each.nbytes for each in held)

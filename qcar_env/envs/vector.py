@@ -1,0 +1,366 @@
+"""The environment of many cars, stepped together by the compiled engine."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from qcar_env.envs import cars as batch, task
+from qcar_env.physics.engine_sampled import FIRST_FORCE, REWARD_TRAVEL, REWARD_X1, REWARD_X2
+from qcar_env.physics.validation import finite, known, positive
+from qcar_env.scenarios import Scenario, scenario as find_scenario
+
+TERMS = {"reward_x1": REWARD_X1, "reward_x2": REWARD_X2, "reward_travel": REWARD_TRAVEL}
+MODES = {
+    AutoresetMode.DISABLED: batch.DISABLED,
+    AutoresetMode.NEXT_STEP: batch.NEXT_STEP,
+    AutoresetMode.SAME_STEP: batch.SAME_STEP,
+}
+PRECISIONS = ("double", "single")
+
+
+class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32], NDArray[Any]]):
+    """Many quarter cars at once: `QuarterCarHump-v0` as a vector environment.
+
+    `gymnasium.make_vec("QuarterCarHump-v0", num_envs=n)` makes it. Task, spaces, rewards and
+    `info` are those of `qcar_env.envs.quarter_car_hump.QuarterCarHumpEnv`, bit for bit: car `i`
+    seeded with `s` has the episodes of a single environment seeded with `s`.
+
+    Parameters
+    ----------
+    num_envs : int
+        Number of cars.
+    scenario, observe, observe_limit, force_scale, duration
+        As for a single environment; the same for all cars (reset options set them one by one).
+    autoreset_mode : AutoresetMode or str
+        What becomes of a car whose episode is over: the next step begins another (Gymnasium's
+        default), the same step does, or `reset` with a `reset_mask` must.
+    precision : {"double", "single"}
+        Numbers inside the engine. Single precision is up to twice as fast in large batches; an
+        episode then departs from the exact one by about 1e-4 of the amplitudes.
+    threads : int
+        Threads that share the cars. More than one pays above some thousand cars.
+    render_mode : None
+        A batch is not drawn; draw a single environment.
+
+    Raises
+    ------
+    ValueError
+        If an argument is out of range.
+
+    Notes
+    -----
+    `reset` takes a seed (car `i` gets ``seed + i``) or one seed for each car, and the options of
+    the single environment, each one value for all cars or a sequence with one for each (`state`
+    an array (n, 4)), as well as Gymnasium's `reset_mask`. Arrays in `info` have a mask beside
+    them, as in Gymnasium's own vector environments; `final_obs` and `final_info` likewise.
+    """
+
+    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: str | Scenario = "paper",
+        *,
+        observe: task.Observe = "full",
+        observe_limit: bool = False,
+        force_scale: float = 1.0,
+        duration: float | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        precision: str = "double",
+        threads: int = 1,
+        render_mode: None = None,
+    ) -> None:
+        if render_mode is not None:
+            raise ValueError(
+                f"render_mode must be None for a batch of cars, got {render_mode!r}; "
+                "render a single environment"
+            )
+        known("observe", observe, task.OBSERVE)
+        known("precision", precision, PRECISIONS)
+        self.autoreset_mode = _mode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self._duration = duration
+        self._own = find_scenario(scenario)
+        base = configured(self._own, force_scale, duration)
+        self._cars = batch.Cars(
+            num_envs,
+            base,
+            self._own,
+            observe=observe,
+            observe_limit=bool(observe_limit),
+            single=precision == "single",
+            threads=threads,
+        )
+        self.num_envs = self._cars.n
+        self._given: list[tuple[Scenario, float]] = [(self._own, force_scale)] * self.num_envs
+        high, size = task.OBSERVATION_LIMIT, self._cars.size
+        self.single_observation_space = gym.spaces.Box(-high, high, (size,), np.float32)
+        self.single_action_space = gym.spaces.Box(-1.0, 1.0, (self._cars.actions,), np.float32)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+        self._shape = (self.num_envs, self._cars.actions)
+        self._mode = MODES[self.autoreset_mode]
+        self._started = False
+
+    @property
+    def states(self) -> NDArray[np.float64]:
+        """States (x1, x2, v1, v2) of the cars [m, m, m/s, m/s], shape (n, 4)."""
+        return self._cars.states
+
+    @property
+    def scenarios(self) -> tuple[Scenario, ...]:
+        """The scenario of each car, before any randomisation."""
+        return tuple(self._cars.scenario_of(i) for i in range(self.num_envs))
+
+    @property
+    def dt(self) -> float:
+        """Control interval [s]."""
+        return self._cars.scenarios[0].dt
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Begin episodes of all cars, or of those in ``options["reset_mask"]``.
+
+        Parameters
+        ----------
+        seed : int or sequence, optional
+            Seed; car `i` gets ``seed + i``. Or one for each car.
+        options : dict, optional
+            `state`, `phase`, `force_scale`, `scenario`: one value or one for each car; and
+            `reset_mask` (n,) of bool.
+
+        Returns
+        -------
+        observations : ndarray (n, size) float32
+        info : dict
+            `force` and `phase` of the cars that have begun.
+
+        Raises
+        ------
+        ValueError
+            If an option is unknown, has the wrong length or is out of range.
+        """
+        options = dict(options or {})
+        mask = self._mask(options.pop("reset_mask", None))
+        for key in options:
+            known("reset option", key, (*task.RESET_OPTIONS, "reset_mask"))
+        chosen = np.flatnonzero(mask)
+        if "scenario" in options or "force_scale" in options:
+            self._reassign(chosen, options)
+        given = self._starts(chosen, options)
+        self._seed(chosen, seed)
+        observations = self._cars.reset(mask, given)
+        self._started = True
+        info: dict[str, Any] = {
+            "force": np.zeros(self._shape),
+            "_force": mask.copy(),
+            "phase": np.where(mask, self._cars.phases, 0.0),
+            "_phase": mask.copy(),
+        }
+        return observations, info
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[
+        NDArray[np.float32],
+        NDArray[np.float64],
+        NDArray[np.bool_],
+        NDArray[np.bool_],
+        dict[str, Any],
+    ]:
+        """Hold forces for one control interval.
+
+        Parameters
+        ----------
+        actions : ndarray (n, m)
+            Forces over their limits, clipped to [-1, 1].
+
+        Returns
+        -------
+        observations : ndarray (n, size) float32
+        rewards : ndarray (n,)
+        terminations, truncations : ndarray (n,) of bool
+        info : dict
+            `force` (n, m) [m/s^2] or [N], `reward_x1`, `reward_x2`, `reward_travel`, each with its
+            mask; `phase` of cars that begin anew; `final_obs`, `final_info` where they are over.
+
+        Raises
+        ------
+        ValueError
+            If the actions have the wrong shape, one is not a finite number, or a car's episode is
+            over and the autoreset mode is "Disabled". No car has moved then.
+        ResetNeeded
+            Before the first reset.
+        """
+        given = np.ascontiguousarray(actions, batch.SHOWN)
+        if given.shape != self._shape or not self._started:
+            self._refuse(given)
+        found = self._cars.step(given, self._mode)
+        rewards, x1, x2, travel = found.numbers[:FIRST_FORCE]
+        terminations, truncations = found.ends
+        every = np.ones(self.num_envs, batch.BOOL)
+        info: dict[str, Any] = {
+            "force": found.numbers[FIRST_FORCE:].T,
+            "_force": every,
+            "reward_x1": x1,
+            "_reward_x1": every,
+            "reward_x2": x2,
+            "_reward_x2": every,
+            "reward_travel": travel,
+            "_reward_travel": every,
+        }
+        if found.begun:
+            info = self._after_restarts(info, found)
+        return found.observations, rewards, terminations, truncations, info
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Hold nothing that needs closing."""
+
+    def _after_restarts(self, info: dict[str, Any], found: batch.Interval) -> dict[str, Any]:
+        """Separate what is said of the cars that have begun again from the others."""
+        fresh = self._cars.restarted.copy()
+        self._cars.restarted[:] = False
+        stay = ~fresh
+        begun: dict[str, Any] = {
+            "force": info["force"] * stay[:, np.newaxis],
+            "_force": np.ones_like(stay),
+        }
+        for name in TERMS:
+            begun[name] = np.where(stay, info[name], 0.0)
+            begun[f"_{name}"] = stay.copy()
+        begun["phase"] = np.where(fresh, self._cars.phases, 0.0)
+        begun["_phase"] = fresh
+        if self.autoreset_mode == AutoresetMode.SAME_STEP:
+            final_obs = np.full(self.num_envs, None, dtype=object)
+            for i in np.flatnonzero(fresh):
+                final_obs[i] = self._cars.finals[i].copy()
+            last: dict[str, Any] = {
+                "force": info["force"] * fresh[:, np.newaxis],
+                "_force": fresh.copy(),
+            }
+            for name in TERMS:
+                last[name] = np.where(fresh, info[name], 0.0)
+                last[f"_{name}"] = fresh.copy()
+            begun |= {
+                "final_obs": final_obs,
+                "_final_obs": fresh.copy(),
+                "final_info": last,
+                "_final_info": fresh.copy(),
+            }
+        return begun
+
+    def _refuse(self, actions: NDArray[np.float32]) -> None:
+        if not self._started:
+            raise gym.error.ResetNeeded("no episode yet; call reset before step")
+        raise ValueError(
+            f"actions must have shape {self._shape}, got {actions.shape}; give one number for each "
+            "car and actuator. No car has moved"
+        )
+
+    def _mask(self, given: Any) -> NDArray[np.bool_]:
+        if given is None:
+            return np.ones(self.num_envs, batch.BOOL)
+        mask = np.asarray(given)
+        if mask.shape != (self.num_envs,) or mask.dtype != batch.BOOL or not mask.any():
+            raise ValueError(
+                f"reset_mask must be an array ({self.num_envs},) of bool with a true entry, got "
+                f"shape {mask.shape} of {mask.dtype}; mark the cars that begin again"
+            )
+        return mask
+
+    def _seed(self, chosen: NDArray[np.intp], seed: int | Sequence[int | None] | None) -> None:
+        if seed is None:
+            if not self._started:
+                self._cars.seed(np.arange(self.num_envs), [None] * self.num_envs)
+            return
+        if isinstance(seed, (int, np.integer)):
+            seeds: Sequence[int | None] = [int(seed) + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(
+                f"seed must be one number or {self.num_envs} of them, got {len(seeds)}; "
+                "give one for each car"
+            )
+        if not self._started:
+            self._cars.seed(np.arange(self.num_envs), seeds)
+            return
+        seeded = np.array([i for i in chosen if seeds[i] is not None], dtype=np.intp)
+        if seeded.size:
+            self._cars.seed(seeded, [seeds[i] for i in seeded])
+
+    def _each(self, name: str, value: Any, one: tuple[type, ...]) -> list[Any]:
+        """Return the values of an option, one for each car."""
+        if isinstance(value, one) or np.ndim(value) == 0:
+            return [value] * self.num_envs
+        if len(value) != self.num_envs:
+            raise ValueError(
+                f"{name} must be one value or {self.num_envs} of them, got {len(value)}; "
+                "give one for each car"
+            )
+        return list(value)
+
+    def _reassign(self, chosen: NDArray[np.intp], options: dict[str, Any]) -> None:
+        given = list(self._given)
+        if "scenario" in options:
+            each = self._each("scenario", options["scenario"], (str, Scenario))
+            found = {id(value): find_scenario(value) for value in each}
+            for i in chosen:
+                given[i] = (found[id(each[i])], given[i][1])
+        if "force_scale" in options:
+            scales = self._each("force_scale", options["force_scale"], (int, float))
+            for i in chosen:
+                given[i] = (given[i][0], positive("force_scale", scales[i]))
+        groups: dict[tuple[str, int, float], list[int]] = {}
+        for i in chosen:
+            own, scale = given[i]
+            groups.setdefault((own.name, id(own), scale), []).append(int(i))
+        for members in groups.values():
+            own, scale = given[members[0]]
+            self._cars.assign(np.array(members), configured(own, scale, self._duration), own)
+        self._given = given
+
+    def _starts(self, chosen: NDArray[np.intp], options: dict[str, Any]) -> NDArray[np.float64]:
+        """Return states and phases that are given, (n, 5), not a number where they are drawn."""
+        given = np.full((self.num_envs, 5), np.nan)
+        if "state" in options:
+            state = np.asarray(options["state"], dtype=np.float64)
+            if state.ndim == 1:
+                state = np.tile(state, (self.num_envs, 1))
+            if state.shape != (self.num_envs, 4):
+                raise ValueError(
+                    f"state must have shape (4,) or ({self.num_envs}, 4), got {state.shape}; "
+                    "give (x1, x2, v1, v2) for each car"
+                )
+            for i in chosen:
+                given[i, :4] = task.given_state(state[i], self._cars.scenario_of(int(i)))
+        if "phase" in options:
+            phases = self._each("phase", options["phase"], (int, float))
+            for i in chosen:
+                given[i, 4] = finite("phase", phases[i], "rad")
+        return given
+
+
+def configured(own: Scenario, force_scale: float, duration: float | None) -> Scenario:
+    """Return a scenario with the force limit and the duration that an environment was asked for."""
+    scaled = own.with_force_scale(positive("force_scale", force_scale))
+    return scaled if duration is None else dataclasses.replace(scaled, duration=duration)
+
+
+def _mode(given: AutoresetMode | str) -> AutoresetMode:
+    if isinstance(given, AutoresetMode):
+        return given
+    return AutoresetMode(known("autoreset_mode", given, [mode.value for mode in AutoresetMode]))
