@@ -16,11 +16,12 @@ import numpy as np
 from qcar_env.analysis import calibration, fidelity
 from qcar_env.analysis.forced_car import from_scenario
 from qcar_env.analysis.paper_experiments import trends, with_law
-from qcar_env.analysis.table1 import table1
+from qcar_env.analysis.table1 import PRINTED, table1
 from qcar_env.control import CNVC
 from qcar_env.scenarios import Scenario, scenario
 
 ROOT = Path(__file__).parents[1]
+LIMITS = (1, 5, 10, 20)  # [rad/s] of |sigma| in the table of errors
 PROOFS = "`tests/analysis/test_averaging.py`"
 # The printed paper's errors, and what shows each.
 ERRATA = (
@@ -86,21 +87,22 @@ def _introduction(preset: Scenario) -> str:
         "`python scripts/fidelity.py`; nothing on it is typed by hand but the list of errata and "
         "of what the paper leaves unstated.\n\n"
         "The paper prints no parameter values. All comparisons use the scenario "
-        f"`{preset.name}`, which was calibrated on Table 1: agreement with that table is a fit, not "
-        "a prediction. The figures of the paper were not digitised; their curves are compared by "
-        "what the text says of them.\n"
+        f"`{preset.name}`, which was calibrated on Table 1: agreement with that table is a fit, "
+        "not a prediction. The figures of the paper were not digitised; their curves are compared "
+        "by what the text says of them.\n"
     )
 
 
 def _table1(preset: Scenario) -> str:
     cells = table1(preset)
+    printed = [error for row in PRINTED for error in row.absolute_error]  # in the cells' order
     rows = [
         (
-            cell.law, f"{cell.gain:g}", f"x{cell.mass}", f"{_error(cell.printed, cell):.3f}",
+            cell.law, f"{cell.gain:g}", f"x{cell.mass}", f"{error:.3f}",
             f"{cell.absolute_error:.3f}", f"{cell.printed:g} %", f"{cell.percentage_error:.0f} %",
             f"{100 * (cell.agreement - 1):+.0f} %",
         )
-        for cell in cells
+        for cell, error in zip(cells, printed, strict=True)
     ]  # fmt: skip
     worst = max(abs(cell.agreement - 1.0) for cell in cells)
     return _section(
@@ -114,16 +116,6 @@ def _table1(preset: Scenario) -> str:
         ),
         rows,
     )  # fmt: skip
-
-
-def _error(percentage: float, cell: object) -> float:
-    """Return the paper's absolute error of the row that a cell belongs to."""
-    from qcar_env.analysis.table1 import PRINTED
-
-    for row in PRINTED:
-        if percentage in row.percentage_error:
-            return row.absolute_error[row.percentage_error.index(percentage)]
-    raise ValueError(f"no row of Table 1 for {cell}")
 
 
 def _calibration(preset: Scenario) -> str:
@@ -147,8 +139,8 @@ def _calibration(preset: Scenario) -> str:
         "How the preset was calibrated, and how flat the fit is",
         "Least squares on the logarithms of Table 1's twelve ratios and of the two uncontrolled "
         "amplitudes that its NDF, LNVC and CNVC rows imply (`python scripts/calibrate.py`). The "
-        f"preset's residuals are {100 * np.sqrt(np.mean(residuals**2)):.1f} % (root mean square) and "
-        f"{100 * np.expm1(np.abs(residuals).max()):.1f} % (worst cell); fitting its nine "
+        f"preset's residuals are {100 * np.sqrt(np.mean(residuals**2)):.1f} % (root mean square) "
+        f"and {100 * np.expm1(np.abs(residuals).max()):.1f} % (worst cell); fitting its nine "
         f"parameters again gives {100 * refit.cost:.1f} % and {100 * refit.worst:.1f} %. No "
         "parameter set removes the rest: the rows do not agree among themselves. The table hardly "
         f"sees some directions: moving by a factor e along {weights} changes all fourteen numbers "
@@ -210,7 +202,7 @@ def _accuracy(preset: Scenario) -> str:
                 rows.append(
                     (
                         law, parameter, method,
-                        *(f"{100 * errors[inside <= limit].max():.2g} %" for limit in (1, 5, 10, 20)),
+                        *(f"{100 * errors[inside <= limit].max():.2g} %" for limit in LIMITS),
                     )
                 )  # fmt: skip
     return _section(

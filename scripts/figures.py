@@ -22,13 +22,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from qcar_env.analysis import chaos, stability
-from qcar_env.analysis import paper_experiments as experiments
+from qcar_env.analysis import chaos, paper_experiments as experiments, stability
 from qcar_env.analysis.forced_car import ForcedCar, from_scenario, stack, sweep
-from qcar_env.analysis.frequency_response import response
+from qcar_env.analysis.frequency_response import Response, response
 from qcar_env.analysis.hardening import Hardening
+from qcar_env.analysis.simulate import Simulation
 from qcar_env.analysis.table1 import table1
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
+from qcar_env.control.law import Law
 from qcar_env.physics.validation import known
 from qcar_env.plots import paper_figures
 from qcar_env.plots.style import journal
@@ -186,7 +187,7 @@ def figure_11(task: Task) -> Made:
 def figure_12(task: Task) -> Made:
     """Comparison of the laws."""
 
-    def run(law):  # noqa: ANN001, ANN202
+    def run(law: Law) -> Simulation:
         return experiments.time_histories(task.car, {"one": law}, duration=25.0)["one"]
 
     none = ("none", run(Passive()))
@@ -286,9 +287,7 @@ def accuracy(task: Task) -> Made:
 def hardening(task: Task) -> Made:
     """Folds of the response with a hardening spring."""
     car = experiments.with_law(task.car, Hardening(alpha2=800.0))
-    found = experiments.folded_response(
-        car, "sigma2", -20.0, 6.0, points=9 if task.quick else 27
-    )
+    found = experiments.folded_response(car, "sigma2", -20.0, 6.0, points=9 if task.quick else 27)
     folds = ", ".join(f"{each.value:.2f}" for each in found.balanced.folds)
     return paper_figures.hardening(found), (
         "The same car with a hardening spring on the body (u2 = -800 x2³ m/s²), without control: "
@@ -335,9 +334,7 @@ def chaos_figure(task: Task) -> Made:
         exponents[law] = chaos.largest_lyapunov_exponent(
             cars, start, np.random.default_rng(0), periods=count, settle=20, steps=64
         )
-    values = ", ".join(
-        f"{found.exponent[0]:.2f} 1/s ({law})" for law, found in exponents.items()
-    )
+    values = ", ".join(f"{found.exponent[0]:.2f} 1/s ({law})" for law, found in exponents.items())
     return paper_figures.chaos(sections, exponents, task.period), (
         "Poincaré sections of (a) wheel and (b) body, once a period, after a transient: each a "
         "single point, so the motion is periodic. (c) Running estimate of the largest Lyapunov "
@@ -381,8 +378,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     begin = time.perf_counter()
     for index, name in enumerate(names):
         before = time.perf_counter()
-        captions[name] = _table(task, arguments.out) if name == TABLE else _figure(
-            name, task, arguments.out
+        captions[name] = (
+            _table(task, arguments.out) if name == TABLE else _figure(name, task, arguments.out)
         )
         now = time.perf_counter()
         left = (now - begin) / (index + 1) * (len(names) - index - 1)
@@ -432,7 +429,9 @@ def _write_captions(captions: dict[str, str], task: Task, out: Path) -> None:
         for part in path.read_text(encoding="utf-8").split("\n## ")[1:]:
             title, _, text = part.partition("\n\n")
             kept[title.strip()] = text.strip()
-    new = {_title(name): f"{text} Parameters: {task.parameters}." for name, text in captions.items()}
+    new = {
+        _title(name): f"{text} Parameters: {task.parameters}." for name, text in captions.items()
+    }
     kept.update(new)
     order = [_title(name) for name in (*FIGURES, TABLE)]
     parts = [f"\n## {title}\n\n{kept[title]}\n" for title in order if title in kept]
@@ -449,7 +448,7 @@ def _stem(name: str) -> str:
     return f"figure-{int(name):02d}" if name.isdigit() else f"figure-{name}"
 
 
-def _curves(task: Task) -> dict[str, dict[str, object]]:
+def _curves(task: Task) -> dict[str, dict[str, Response]]:
     return {
         d: {law: experiments.response_of(task.under(law), d) for law in LAWS} for d in DETUNINGS
     }

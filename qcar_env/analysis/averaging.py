@@ -124,7 +124,9 @@ class SlowFlow:
         sigma1, sigma2 = self.detunings
         c, s = np.cos(theta1 - theta2), np.sin(theta1 - theta2)
         c1, s1, c2, s2 = np.cos(theta1), np.sin(theta1), np.cos(theta2), np.sin(theta2)
-        U1, U2 = self.force(a1 * np.exp(1j * theta1), a2 * np.exp(1j * theta2))
+        A1: ComplexArray = (a1 * np.exp(1j * theta1)).astype(np.complex128)
+        A2: ComplexArray = (a2 * np.exp(1j * theta2)).astype(np.complex128)
+        U1, U2 = self.force(A1, A2)
         u1 = U1 * np.exp(-1j * theta1) / (2j * w1)
         u2 = U2 * np.exp(-1j * theta2) / (2j * w2)
         e3 = car.E3 if self.printed else car.E3 / 2.0  # erratum of (17), (22), (26), (30)
@@ -279,7 +281,6 @@ def polar(z: Array) -> tuple[Array, Array, Array, Array]:
     )
 
 
-
 def describe_none(a1: Array, a2: Array, w1: Array, w2: Array, gains: Any) -> Any:
     """Return ``D = 0`` for both masses."""
     zero = np.zeros_like(a1) * 1j
@@ -405,9 +406,11 @@ def average_force(
     if gains.filter_rate is not None:
         eta = Filter(*(sampled(e) for e in _filter_amplitudes(gains, A1, A2, omega1, omega2)))
     u1, u2 = gains.command(x, eta, values)
-    weight = 2.0 / samples * np.conj(turn)
-    shape = np.broadcast(A1, A2).shape + (samples,)
-    return np.broadcast_to(u1, shape) @ weight, np.broadcast_to(u2, shape) @ weight
+    weight: ComplexArray = (2.0 / samples * np.conj(turn)).astype(np.complex128)
+    shape = (*np.broadcast(A1, A2).shape, samples)
+    U1: ComplexArray = (np.broadcast_to(u1, shape) @ weight).astype(np.complex128)
+    U2: ComplexArray = (np.broadcast_to(u2, shape) @ weight).astype(np.complex128)
+    return U1, U2
 
 
 def numerical_jacobian(function: Callable[[Array], Array], z: Array) -> Array:

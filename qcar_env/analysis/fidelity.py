@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from qcar_env.analysis.chaos import largest_lyapunov_exponent
 from qcar_env.analysis.forced_car import ForcedCar, from_scenario, stack, sweep
-from qcar_env.analysis.frequency_response import fixed_points, solutions
+from qcar_env.analysis.frequency_response import eigenvalues, fixed_points, solutions
 from qcar_env.analysis.paper_experiments import (
     SETTLED,
     STEP,
@@ -27,7 +27,7 @@ from qcar_env.analysis.paper_experiments import (
     with_law,
 )
 from qcar_env.analysis.simulate import Steady, steady_amplitudes
-from qcar_env.analysis.stability import contraction_margin
+from qcar_env.analysis.stability import contraction_margin, jacobian_entries
 from qcar_env.analysis.table1 import PRINTED
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import Law
@@ -90,9 +90,7 @@ def averaging_errors(scenario: Scenario) -> dict[str, dict[str, Errors]]:
 
 
 def _steady(car: ForcedCar, law: Law) -> Steady:
-    return steady_amplitudes(
-        car.car, car.road, car.force, law, duration=SETTLED, step=STEP
-    )
+    return steady_amplitudes(car.car, car.road, car.force, law, duration=SETTLED, step=STEP)
 
 
 def _percent(none: Steady, controlled: Steady) -> tuple[float, float]:
@@ -133,9 +131,7 @@ def _equal_force(car: ForcedCar, none: Steady, cnvc: Steady) -> Claim:
     strong = _steady(car, LNVC(G1=40.0, G2=40.0))
     x1, x2 = _percent(none, strong)
     points = fixed_points(stack([with_law(car, CNVC())]))
-    gains = [
-        0.75 * 1.2 * car.omega**2 * float(a) ** 2 for a in (points.a1[0], points.a2[0])
-    ]
+    gains = [0.75 * 1.2 * car.omega**2 * float(a) ** 2 for a in (points.a1[0], points.a2[0])]
     better = float(strong.peak_u1) < float(cnvc.peak_u1) and strong.x1 < cnvc.x1
     return Claim(
         where="Section 6.1",
@@ -197,8 +193,22 @@ def _branches(car: ForcedCar) -> Claim:
         f"G = 0.5 and 1.2; contraction proves it (b1 b2/2 exceeds |kappa| + Re kappa by "
         f"{margin:.2f} 1/s²)",
         agreement="no" if stable else "partly",
-        reason="not found with any correct reading of (24)-(27); a flipped sign in N5 and N15 "
-        "gives 'left unstable' for the uncontrolled system",
+        reason="not found with any correct reading of (24)-(27), nor with Appendix A as printed; "
+        f"with the sign of N5 and N15 flipped {_flipped(car)}",
+    )
+
+
+def _flipped(car: ForcedCar) -> str:
+    """Say where the uncontrolled motion would be unstable with N5 and N15 of the other sign."""
+    sigma = np.linspace(-20.0, 20.0, 161)
+    cars = stack(list(sweep(car, "sigma1", sigma)))
+    entries = jacobian_entries(cars, fixed_points(cars))
+    wrong = entries._replace(N5=-entries.N5, N15=-entries.N15)
+    unstable = eigenvalues(wrong.matrix)[:, 0].real > 0.0
+    left, right = sigma[unstable & (sigma < 0.0)], sigma[unstable & (sigma > 0.0)]
+    return (
+        f"the uncontrolled motion would be unstable below sigma1 = {left.max():.1f} and above "
+        f"{right.min():.1f} rad/s, on both sides alike"
     )
 
 

@@ -162,9 +162,7 @@ class ForcedCar:
             return self.vary(natural, self.omega + value)
         if name == ALL_FREQUENCIES:
             at = positive(name, value, "rad/s")
-            moved = dataclasses.replace(
-                self.car, omega1=at + self.sigma1, omega2=at + self.sigma2
-            )
+            moved = dataclasses.replace(self.car, omega1=at + self.sigma1, omega2=at + self.sigma2)
             return dataclasses.replace(self, car=moved, omega=at)
         if name in self._gains:
             return dataclasses.replace(self, law=_with_gains(self.law, {name: value}))
@@ -236,7 +234,7 @@ class ForcedCars:
     gains: Gains  # the law's formula and the gains of every car
 
     def __len__(self) -> int:
-        """Number of cars."""
+        """Return the number of cars."""
         return len(self.omega)
 
     @property
@@ -319,6 +317,7 @@ def stack(cars: Sequence[ForcedCar]) -> ForcedCars:
         )
     law = cars[0].law
     all_gains = [each.law.gains for each in cars]
+    kind: Any = type(all_gains[0])
     columns = np.array([[float(g) for g in each] for each in all_gains]).T
     return ForcedCars(
         car=Coefficients(*np.array([each.car.coefficients for each in cars], dtype=float).T),
@@ -326,7 +325,7 @@ def stack(cars: Sequence[ForcedCar]) -> ForcedCars:
         f=np.array([each.f for each in cars], dtype=float),
         omega=np.array([each.omega for each in cars], dtype=float),
         law=law,
-        gains=Gains(law.command, law.filter_rate, type(all_gains[0])(*columns)),
+        gains=Gains(law.command, law.filter_rate, kind(*columns)),
     )
 
 

@@ -315,9 +315,7 @@ def _averaging_equations(at: Callable[[float], ForcedCars], form: Form) -> conti
     )
 
 
-def _balance_equations(
-    at: Callable[[float], ForcedCars], harmonics: int
-) -> continuation.Equations:
+def _balance_equations(at: Callable[[float], ForcedCars], harmonics: int) -> continuation.Equations:
     def equations(z: Array, p: float) -> HarmonicBalance:
         cars = at(p).select(np.zeros(z.shape[1], dtype=int))
         return HarmonicBalance(system=cars, harmonics=harmonics)
@@ -356,9 +354,7 @@ def _hopf_test(equations: continuation.Equations) -> continuation.Test:
     def test(z: Array, p: float) -> float:
         values = np.linalg.eigvals(equations.jacobian(z[:, None], p)[0])
         size = float(np.max(np.abs(values)))
-        sums = [
-            (values[i] + values[j]) / size for i in range(len(values)) for j in range(i)
-        ]
+        sums = [(values[i] + values[j]) / size for i in range(len(values)) for j in range(i)]
         return float(np.prod(sums).real)
 
     return test
@@ -446,9 +442,11 @@ def _balanced_response(
 
 def _exponents(cars: ForcedCars, state: Array) -> ComplexArray:
     multipliers = np.linalg.eigvals(monodromy(cars, state)).astype(np.complex128)
-    exponents = np.log(multipliers) * (cars.omega / (2.0 * np.pi))[:, None]
-    order = np.argsort(-exponents.real, axis=1, kind="stable")
-    return np.take_along_axis(exponents, order, axis=1)
+    rates: ComplexArray = (np.log(multipliers) * (cars.omega / (2.0 * np.pi))[:, None]).astype(
+        np.complex128
+    )
+    order = np.argsort(-rates.real, axis=1, kind="stable")
+    return np.take_along_axis(rates, order, axis=1)
 
 
 def _bound(car: ForcedCar) -> float:

@@ -56,14 +56,14 @@ def newton(
     better then, or meets a singular Jacobian, ends unconverged.
     """
     z = np.array(z, dtype=float)
-    m, n = z.shape
+    n = z.shape[1]
     error = _size(residual(z))
     converged = np.zeros(n, dtype=bool)
     dead = ~np.isfinite(error)
-    iteration = 0
-    for iteration in range(1, max_iterations + 1):
-        if np.all(converged | dead):
-            break
+    trial_error, worse = error, np.zeros(n, dtype=bool)
+    iterations = 0
+    while iterations < max_iterations and not np.all(converged | dead):
+        iterations += 1
         step = -_solve(jacobian(z), residual(z))
         dead |= ~np.all(np.isfinite(step), axis=0)
         step[:, converged | dead] = 0.0
@@ -83,7 +83,7 @@ def newton(
         error = np.where(converged | dead, error, trial_error)
         moved = np.max(np.abs(step), axis=0)
         converged |= ~dead & (moved <= tolerance * _largest(z))
-    return Roots(z=z, converged=converged, residual=_size(residual(z)), iterations=iteration)
+    return Roots(z=z, converged=converged, residual=_size(residual(z)), iterations=iterations)
 
 
 def _size(values: Array) -> Array:

@@ -18,7 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from qcar_env.analysis.averaging import SlowMotion, slow_motion
 from qcar_env.analysis.forced_car import ALL_FREQUENCIES, ForcedCar, stack, sweep
-from qcar_env.analysis.frequency_response import Response, balanced_start, fixed_points, response
+from qcar_env.analysis.frequency_response import (
+    FixedPoints,
+    Response,
+    balanced_start,
+    fixed_points,
+    response,
+)
 from qcar_env.analysis.harmonic_balance import balance
 from qcar_env.analysis.parameter_study import Curve, response_curves
 from qcar_env.analysis.simulate import Simulation, simulate, steady_amplitudes
@@ -191,9 +197,7 @@ def parameter_effect(
     moved = moved_by(name)
     value = car.value(moved)
     values = (value, 60.0, 100.0) if name == "f" else tuple(value * each for each in factors)
-    return response_curves(
-        car, effects.against, -DETUNING, DETUNING, {moved: values}, longest=0.05
-    )
+    return response_curves(car, effects.against, -DETUNING, DETUNING, {moved: values}, longest=0.05)
 
 
 def amplitude_against(car: ForcedCar, parameter: str, start: float, end: float) -> Response:
@@ -362,5 +366,5 @@ def trends(car: ForcedCar, *, factor: float = 1.3, threshold: float = 0.01) -> t
     return tuple(found)
 
 
-def _along(car: ForcedCar, against: str, values: Array):  # noqa: ANN202
+def _along(car: ForcedCar, against: str, values: Array) -> FixedPoints:
     return fixed_points(stack(list(sweep(car, against, values))))

@@ -9,6 +9,7 @@ the averaged statement is held against.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,7 +49,7 @@ class PeriodicOrbits:
         Their real parts are the rates at which disturbances grow; the imaginary parts are known
         up to the forcing frequency.
         """
-        return np.log(self.multipliers) / self.period[:, None]
+        return (np.log(self.multipliers) / self.period[:, None]).astype(np.complex128)
 
 
 def flow_map(
@@ -72,12 +73,11 @@ def flow_map(
     ndarray (m, n, k)
     """
     for _ in range(whole("periods", periods, least=0)):
-        for state in orbit_states(system, state, steps=steps):
-            pass
+        *_, state = orbit_states(system, state, steps=steps)
     return state
 
 
-def orbit_states(system: PeriodicSystem, state: Array, *, steps: int = STEPS):  # noqa: ANN201
+def orbit_states(system: PeriodicSystem, state: Array, *, steps: int = STEPS) -> Iterator[Array]:
     """Yield the states (m, n, k) after each of `steps` RK4 steps of one period."""
     step = step_fractions((2.0 * np.pi / whole("steps", steps) / system.omega)[:, None])
     turn = 2.0 * np.pi / steps
@@ -103,9 +103,7 @@ def monodromy(system: PeriodicSystem, state: Array, *, steps: int = STEPS) -> Ar
     return derivative * scale.T[:, :, None] / scale.T[:, None, :]
 
 
-def periodic_orbits(
-    system: PeriodicSystem, start: Array, *, steps: int = STEPS
-) -> PeriodicOrbits:
+def periodic_orbits(system: PeriodicSystem, start: Array, *, steps: int = STEPS) -> PeriodicOrbits:
     """Find periodic orbits by Newton's method on the flow map.
 
     Parameters

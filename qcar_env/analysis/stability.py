@@ -19,6 +19,7 @@ see `compare_with_floquet` and `qcar_env.analysis.periodic_orbit`.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -106,9 +107,7 @@ def jacobian_entries(
     flow = SlowFlow(cars=cars, form=form)
     w1, w2 = flow.frequencies
     sigma1, sigma2 = flow.detunings
-    G1, G2 = (
-        cars.gains.values[:2] if isinstance(cars.law, CNVC) else (np.zeros_like(h),) * 2
-    )
+    G1, G2 = cars.gains.values[:2] if isinstance(cars.law, CNVC) else (np.zeros_like(h),) * 2
     a1, a2 = points.a1, points.a2
     c, s = np.cos(points.theta1 - points.theta2), np.sin(points.theta1 - points.theta2)
     c1, s1 = np.cos(points.theta1), np.sin(points.theta1)
@@ -127,9 +126,7 @@ def jacobian_entries(
         N3=car.E2 * w2 * c / two1 - flipped * car.E1 * s / two1,
         N4=car.E2 * w2 * a2 * s / two1 + car.E1 * a2 * c / two1,
         N5=sigma1 / a1,
-        N6=(
-            -car.E2 * w2 * a2 * c + car.E1 * a2 * s + car.mu1 * h * c1 + car.mu2 * omega * h * s1
-        )
+        N6=(-car.E2 * w2 * a2 * c + car.E1 * a2 * s + car.mu1 * h * c1 + car.mu2 * omega * h * s1)
         / (two1 * a1),
         N7=(-car.E2 * w2 * s - car.E1 * c) / (two1 * a1),
         N8=(car.E2 * w2 * a2 * c - flipped * car.E1 * a2 * s) / (two1 * a1),
@@ -165,9 +162,7 @@ class RouthHurwitz:
     def failing(self, index: int = 0) -> tuple[str, ...]:
         """Return the conditions that matrix `index` breaks, by name."""
         return tuple(
-            name
-            for name, holds in zip(CONDITIONS, self.holds[:, index], strict=True)
-            if not holds
+            name for name, holds in zip(CONDITIONS, self.holds[:, index], strict=True) if not holds
         )
 
 
@@ -259,7 +254,7 @@ def first_loss(
         return routh_hurwitz(_cartesian_jacobian(cars, points, form)), points
 
     before, _ = conditions(float(values[0]))
-    for left, right in zip(values[:-1], values[1:], strict=True):
+    for left, right in itertools.pairwise(values):
         after, points = conditions(float(right))
         failing = np.flatnonzero(~after.holds[:, 0])
         if failing.size:
@@ -419,9 +414,7 @@ def contraction_margin(car: ForcedCar) -> float:
 
 def _cartesian_jacobian(cars: ForcedCars, points: FixedPoints, form: Form) -> Array:
     A1, A2 = points.a1 * np.exp(1j * points.theta1), points.a2 * np.exp(1j * points.theta2)
-    return SlowFlow(cars=cars, form=form).jacobian(
-        np.array([A1.real, A1.imag, A2.real, A2.imag])
-    )
+    return SlowFlow(cars=cars, form=form).jacobian(np.array([A1.real, A1.imag, A2.real, A2.imag]))
 
 
 def _sums_of_products(values: Array) -> list[float]:

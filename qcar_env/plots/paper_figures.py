@@ -202,9 +202,7 @@ def frequency_effect(
         history.set_ylabel(f"${symbol}$ ({mass}) [m]")
         amplitude = f"a{row + 1}"
         for law, found in curves.items():
-            response_curve(
-                curve, found, amplitude, color=line(law).color, label=line(law).label
-            )
+            response_curve(curve, found, amplitude, color=line(law).color, label=line(law).label)
         _log_amplitude(curve)
         curve.set_xlabel(axis_label("frequencies"))
         curve.set_ylabel(axis_label(amplitude))
@@ -251,7 +249,9 @@ def hump_height(panels: Mapping[str, Mapping[float, Response]]) -> Figure:
     return figure
 
 
-def step_hump(without_force: Mapping[str, Simulation], with_force: Mapping[str, Simulation]) -> Figure:
+def step_hump(
+    without_force: Mapping[str, Simulation], with_force: Mapping[str, Simulation]
+) -> Figure:
     """Draw Figure 11: the answer to the step ``y = h``, without and with the external force.
 
     Parameters
@@ -344,9 +344,7 @@ def numerical_and_averaged(
             transient.plot(t[first], x[first], color=light, linewidth=0.5, rasterized=True)
             for sign in (1.0, -1.0):
                 transient.plot(t[first], sign * a[first], color="#000000", linestyle=(0, (4, 2)))
-            steady.plot(
-                t[end] - t[end][0], x[end], color=light, linewidth=1.8, label="numerical"
-            )
+            steady.plot(t[end] - t[end][0], x[end], color=light, linewidth=1.8, label="numerical")
             steady.plot(
                 t[end] - t[end][0], approximate[end], color="#000000", linestyle=(0, (4, 2)),
                 linewidth=0.9, label="averaged",
@@ -399,8 +397,12 @@ def hardening(found: FoldedResponse, law: str = "none") -> Figure:
     figure, axes = _grid(1, 2, height=2.9)
     for column, amplitude in enumerate(("a1", "a2")):
         ax = axes[0][column]
-        response_curve(ax, found.averaged, amplitude, color="#999999", linewidth=2.2, label="averaged")
-        response_curve(ax, found.balanced, amplitude, color=line(law).color, label="harmonic balance")
+        response_curve(
+            ax, found.averaged, amplitude, color="#999999", linewidth=2.2, label="averaged"
+        )
+        response_curve(
+            ax, found.balanced, amplitude, color=line(law).color, label="harmonic balance"
+        )
         points(ax, found.upward, amplitude, color="#000000", marker="^", label="simulated, rising")
         points(
             ax, found.downward, amplitude, color="#000000", marker="v", label="simulated, falling"
@@ -439,7 +441,9 @@ def stability(
     return figure
 
 
-def chaos(sections: Mapping[str, Array], exponents: Mapping[str, LyapunovExponents], period: float) -> Figure:
+def chaos(
+    sections: Mapping[str, Array], exponents: Mapping[str, LyapunovExponents], period: float
+) -> Figure:
     """Draw Poincare sections and the estimate of the largest Lyapunov exponent.
 
     Parameters
@@ -480,9 +484,7 @@ def chaos(sections: Mapping[str, Array], exponents: Mapping[str, LyapunovExponen
 def _grid(rows: int, columns: int, *, height: float, **options: Any) -> tuple[Figure, Any]:
     if "width_ratios" in options:
         options = {"gridspec_kw": {"width_ratios": options["width_ratios"]}}
-    return plt.subplots(
-        rows, columns, figsize=(DOUBLE_COLUMN, height), squeeze=False, **options
-    )
+    return plt.subplots(rows, columns, figsize=(DOUBLE_COLUMN, height), squeeze=False, **options)
 
 
 def _legend_above(figure: Figure, *axes: Axes) -> None:

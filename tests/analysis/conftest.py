@@ -10,6 +10,4 @@ from qcar_env.scenarios import scenario
 def paper() -> ForcedCar:
     """Return the calibrated worst case without control."""
     preset = scenario("paper")
-    return ForcedCar(
-        car=preset.car, h=preset.road.h, f=preset.force.f, omega=preset.road.omega
-    )
+    return ForcedCar(car=preset.car, h=preset.road.h, f=preset.force.f, omega=preset.road.omega)

@@ -13,7 +13,15 @@ from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.physics.car import QuarterCar
 from qcar_env.physics.state import Filter
 
-LAWS = [Passive(), CNVC(), LNVC(), PD(), PPF(), NDF(), Hardening(alpha1=500.0, alpha2=-90.0, G2=1.0)]
+LAWS = [
+    Passive(),
+    CNVC(),
+    LNVC(),
+    PD(),
+    PPF(),
+    NDF(),
+    Hardening(alpha1=500.0, alpha2=-90.0, G2=1.0),
+]
 
 a1, a2, w1, w2, w, h, f = sp.symbols("a1 a2 omega1 omega2 omega h f", positive=True)
 b1, b2, E1, E2, E3, mu1, mu2, G1, G2 = sp.symbols("b1 b2 E1 E2 E3 mu1 mu2 G1 G2", positive=True)
@@ -67,10 +75,7 @@ def printed_equations(e3_factor):
         + e3_factor * E3 * a1 / w2 * s
         - f / (2 * w2) * sp.sin(th2)
         - sp.Rational(3, 8) * G2 * w2**2 * a2**3,
-        s2 * a2
-        + w1 * a1 * b2 / (2 * w2) * s
-        - E3 * a1 / (2 * w2) * c
-        - f / (2 * w2) * sp.cos(th2),
+        s2 * a2 + w1 * a1 * b2 / (2 * w2) * s - E3 * a1 / (2 * w2) * c - f / (2 * w2) * sp.cos(th2),
     )
 
 
@@ -213,7 +218,15 @@ def exact_jacobian(flow):
     return entries
 
 
-MISPRINTED = {3: "E sign", 8: "E sign", 14: "E sign", 16: "E sign", 9: "E3/2", 10: "E3/2", 12: "E3/2"}
+MISPRINTED = {
+    3: "E sign",
+    8: "E sign",
+    14: "E sign",
+    16: "E sign",
+    9: "E3/2",
+    10: "E3/2",
+    12: "E3/2",
+}
 
 
 @pytest.mark.parametrize("number", range(1, 17))
@@ -282,7 +295,7 @@ def test_a_filter_that_is_not_linear_has_no_describing_function():
 
     gains = Gains(NDF().command, filter_rate, NDF().gains._make(np.ones((6, 1))))
     one = np.ones(1)
-    with pytest.raises(ValueError, match="not linear.*use harmonic balance"):
+    with pytest.raises(ValueError, match=r"not linear.*use harmonic balance"):
         average_force(gains, one * 1j, one * 1j, omega1=one, omega2=one)
 
 

@@ -85,7 +85,9 @@ def test_passes_both_folds_of_the_duffing_oscillator():
     between = (branch.p > duffing_folds()[1][0] + 0.01) & (branch.p < duffing_folds()[0][0] - 0.01)
     assert np.sum(np.diff(branch.p) < 0.0) > 5  # it did turn back
     assert np.sum(between) > 30
-    residual = [np.abs(duffing_balance(z, p)).max() for z, p in zip(branch.z.T, branch.p, strict=True)]
+    residual = [
+        np.abs(duffing_balance(z, p)).max() for z, p in zip(branch.z.T, branch.p, strict=True)
+    ]
     assert max(residual) < 1e-9
 
 

@@ -52,9 +52,7 @@ IDS = [f"{law.name}-{parameter}" for law, parameter in CASES]
 
 
 @pytest.mark.parametrize(("law", "parameter"), CASES, ids=IDS)
-def test_first_order_averaging_is_within_5_percent_near_resonance(
-    paper, simulated, law, parameter
-):
+def test_first_order_averaging_is_within_5_percent_near_resonance(paper, simulated, law, parameter):
     points = fixed_points(stack(cars_of(paper, law, parameter)))
     assert points.converged.all()
     assert points.stable.all()
@@ -124,7 +122,9 @@ def test_without_control_the_answer_is_the_linear_plants(paper):
     np.testing.assert_allclose([points.a1[0], points.a2[0]], exact, rtol=1e-10)
 
 
-@pytest.mark.parametrize("parameter", ["h", "f", "G", "G2", "mu1", "b2", "E2", "omega", "frequencies"])
+@pytest.mark.parametrize(
+    "parameter", ["h", "f", "G", "G2", "mu1", "b2", "E2", "omega", "frequencies"]
+)
 def test_any_parameter_can_be_followed(paper, parameter):
     """The curve passes through the fixed points that are found one by one."""
     car = with_law(paper, CNVC())
@@ -201,9 +201,7 @@ def test_stability_labels_agree_with_simulation(paper):
     and those within 1.5 rad/s of the second fold, where another motion lies 1 % beside.
     """
     car = with_law(paper, HARD)
-    curve = response(
-        car, "sigma2", -18.0, 2.0, method="harmonic balance", harmonics=3, longest=0.1
-    )
+    curve = response(car, "sigma2", -18.0, 2.0, method="harmonic balance", harmonics=3, longest=0.1)
     growth = curve.eigenvalues[:, 0].real
     chosen = np.flatnonzero((np.abs(growth) > 0.15) & (curve.values > curve.folds[1].value + 1.5))
     assert chosen.size >= 60
