@@ -127,7 +127,9 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._observe_limit = bool(observe_limit)
         self._force_scale = positive("force_scale", force_scale)
         self._duration = duration
-        self._base = self._configure(scenario)
+        self._named = find_scenario(scenario)
+        self._base = self._configured(self._named, self._force_scale)
+        self._take(self._base)
         self._episode: task.Factors | None = None
         self._steps = 0
         self._done = True
@@ -221,20 +223,24 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         ValueError
             If an option is unknown or out of range.
         """
-        super().reset(seed=seed)
         options = options or {}
         for key in options:
             known("reset option", key, task.RESET_OPTIONS)
-        if "force_scale" in options:
-            self._force_scale = positive("force_scale", options["force_scale"])
-        if "scenario" in options or "force_scale" in options:
-            self._base = self._configure(options.get("scenario", self._named))
+        scale = positive("force_scale", options.get("force_scale", self._force_scale))
+        named = find_scenario(options.get("scenario", self._named))
         base = self._base
+        if named is not self._named or scale != self._force_scale:
+            base = self._configured(named, scale)
         given = [math.nan] * 5
         if "state" in options:
             given[:4] = task.given_state(options["state"], base).tolist()
         if "phase" in options:
             given[4] = finite("phase", options["phase"], "rad")
+        super().reset(seed=seed)  # nothing changes before every option is known to be good
+        self._named, self._force_scale = named, scale
+        if base is not self._base:
+            self._base = base
+            self._take(base)
         draws = self.np_random.random(task.DRAWS)
         observation = np.empty(self._shape, SHOWN)
         self._begin(self._car, draws, tuple(given), np.array(self._numbers), observation)
@@ -350,20 +356,20 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._renderer.close()
             self._renderer = None
 
-    def _configure(self, scenario: str | Scenario) -> Scenario:
-        found = find_scenario(scenario)
-        if hasattr(self, "_base") and found.actuator.size != self._base.actuator.size:
+    def _configured(self, named: Scenario, scale: float) -> Scenario:
+        if hasattr(self, "_base") and named.actuator.size != self._base.actuator.size:
             raise ValueError(
-                f"scenario {found.name!r} has {found.actuator.size} actuator(s), this environment "
+                f"scenario {named.name!r} has {named.actuator.size} actuator(s), this environment "
                 f"{self._base.actuator.size}; make a new environment for it"
             )
-        self._named = found
-        found = found.with_force_scale(self._force_scale)
+        found = named.with_force_scale(scale)
         if self._duration is not None:
             found = dataclasses.replace(found, duration=self._duration)
-        self._numbers = task.nominal_numbers(found, self._named)
-        self._dt, self._substeps = found.dt, found.substeps
         return found
+
+    def _take(self, base: Scenario) -> None:
+        self._numbers = task.nominal_numbers(base, self._named)
+        self._dt, self._substeps = base.dt, base.substeps
 
     def _check_running(self, what: str) -> None:
         if self._episode is None:

@@ -483,3 +483,13 @@ def test_the_docstring_names_what_a_user_meets():
     for name in (*task.RESET_OPTIONS, *task.OBSERVE, *info):
         assert f"`{name}`" in page or f'"{name}"' in page or f'info["{name}"]' in page, name
     assert qcar_env.SCENARIOS.keys() >= {"paper"}
+
+
+def test_a_refused_reset_changes_nothing():
+    env = QuarterCarHumpEnv()
+    env.reset(seed=0)
+    before = env.scenario
+    with pytest.raises(ValueError, match="phase"):
+        env.reset(options={"force_scale": 0.5, "scenario": "paper-step", "phase": float("nan")})
+    env.reset()
+    assert env.scenario == before
