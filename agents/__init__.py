@@ -1,0 +1,1 @@
+"""Learned policies: recipes, training, export, loading. Only this package knows torch and SB3."""

@@ -1,0 +1,274 @@
+"""Networks of the agents: from the environment's raw observation to its action.
+
+Feature map (all of it is exported with the policy):
+
+    2 x                  state over uncontrolled amplitudes
+    clip(30 x, +-3)      wheel magnified, so that amplitudes of 1 % stay visible
+    clip(90 x, +-3)      body magnified: its target is three times smaller
+    a_i                  envelope amplitudes
+    y, y', F, F'         what the world does (``observe="full"``)
+    2 z, clip(g z, +-3)  complex envelope z_i = (x_i - i v_i / omega) e^{-i omega t}: the state in
+                         the frame that turns with the road, which in steady state stands still
+    1 / limit, x / limit, ...   (`observe_limit`) force over its limit is what the action says
+
+and behind it a small tanh network *and* a direct linear path to the action. A saturated linear
+law, the best classical one, is in reach of the direct path alone; the network bends it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import torch
+from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.sac.policies import Actor as SACActor, SACPolicy
+from stable_baselines3.td3.policies import Actor as TD3Actor, TD3Policy
+from torch import Tensor, nn
+
+from qcar_env.envs import task
+from qcar_env.physics.validation import known, positive
+
+TINY = 1e-6  # [-] keeps a direction defined where the road is flat
+FEATURES = ("plain", "full", "feedback")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeatureMap:
+    """What the networks see.
+
+    Parameters
+    ----------
+    kind : {"plain", "full", "feedback"}
+        ``plain``: the observation as it is. ``full``: everything above. ``feedback``: what the
+        state alone gives.
+    magnify : tuple of float
+        Magnification of wheel and body [-].
+    bound : float
+        Where the magnified entries are clipped [-].
+
+    Raises
+    ------
+    ValueError
+        If a number is not positive or the kind is unknown.
+    """
+
+    kind: str = "full"
+    magnify: tuple[float, float] = (30.0, 90.0)
+    bound: float = 3.0
+
+    def __post_init__(self) -> None:
+        """Check kind and numbers."""
+        known("feature map", self.kind, FEATURES)
+        for gain in self.magnify:
+            positive("magnification", gain)
+        positive("bound", self.bound)
+
+
+class Features(BaseFeaturesExtractor):
+    """The feature map as a torch module.
+
+    Parameters
+    ----------
+    observation_space : gymnasium.spaces.Box
+        Space of the raw observation.
+    features : FeatureMap
+        What is made of it.
+    """
+
+    def __init__(self, observation_space: gym.Space[Any], features: FeatureMap) -> None:
+        size = observation_space.shape[0]  # type: ignore[index]
+        self.has_limit = size in (task.FEEDBACK_SIZE + 1, task.FULL_SIZE + 1)
+        self.kind = features.kind
+        count = {"plain": size, "feedback": 10, "full": 22}[features.kind]
+        if self.has_limit and features.kind != "plain":
+            count = 2 * count + 1
+        super().__init__(observation_space, count)
+        first, second = features.magnify
+        self.bound = features.bound
+        self.register_buffer("gain", torch.tensor([first, second, first, second]))
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Return the features, shape (n, features_dim), of observations (n, k)."""
+        if self.kind == "plain":
+            return observation
+        x = observation[:, :4]
+        envelope = torch.sqrt(x[:, 0:2] * x[:, 0:2] + x[:, 2:4] * x[:, 2:4])
+        parts = [2.0 * x, self._magnified(x), envelope]
+        if self.kind == "full":
+            world = observation[:, 4:8]
+            s, c = world[:, 0:1], world[:, 1:2]
+            norm = torch.rsqrt(s * s + c * c + TINY)
+            s, c = s * norm, c * norm
+            z = torch.cat([x[:, 0:2] * c - x[:, 2:4] * s, x[:, 0:2] * s + x[:, 2:4] * c], dim=1)
+            parts += [world, 2.0 * z, self._magnified(z)]
+        found = torch.cat(parts, dim=1)
+        if self.has_limit:
+            limit = observation[:, -1:]
+            found = torch.cat([found, found / limit, 0.1 / limit], dim=1)
+        return found
+
+    def _magnified(self, x: Tensor) -> Tensor:
+        return torch.clamp(x * self.gain, -self.bound, self.bound)
+
+
+class Bent(nn.Module):
+    """A small tanh network beside the identity: its output ends with its input."""
+
+    def __init__(self, inputs: int, hidden: tuple[int, ...]) -> None:
+        super().__init__()
+        self.net = tanh_layers(inputs, hidden)
+        self.outputs = hidden[-1] + inputs
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Return network output and features side by side."""
+        return torch.cat([self.net(features), features], dim=1)
+
+
+class BentExtractor(nn.Module):
+    """Actor with a direct path and critic without, in the place of SB3's `MlpExtractor`."""
+
+    def __init__(self, inputs: int, hidden: tuple[int, ...]) -> None:
+        super().__init__()
+        self.policy_net = Bent(inputs, hidden)
+        self.value_net = tanh_layers(inputs, hidden)
+        self.latent_dim_pi = self.policy_net.outputs
+        self.latent_dim_vf = hidden[-1]
+
+    def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the latents of actor and critic."""
+        return self.forward_actor(features), self.forward_critic(features)
+
+    def forward_actor(self, features: Tensor) -> Tensor:
+        """Return the actor's latent."""
+        return self.policy_net(features)
+
+    def forward_critic(self, features: Tensor) -> Tensor:
+        """Return the critic's latent."""
+        return self.value_net(features)
+
+
+class BentActorCriticPolicy(ActorCriticPolicy):
+    """PPO's policy with a direct path from the features to the mean action."""
+
+    def _build_mlp_extractor(self) -> None:
+        hidden = tuple(self.net_arch)  # type: ignore[arg-type]
+        self.mlp_extractor = BentExtractor(self.features_dim, hidden)  # type: ignore[assignment]
+
+
+class BentSACPolicy(SACPolicy):
+    """SAC's policy with a direct path from the features to the mean action."""
+
+    def make_actor(self, features_extractor: BaseFeaturesExtractor | None = None) -> SACActor:
+        """Return the actor, its hidden layers bent."""
+        actor = super().make_actor(features_extractor)
+        hidden = tuple(actor.net_arch)
+        actor.latent_pi = Bent(actor.features_dim, hidden).to(self.device)  # type: ignore[assignment]
+        width = actor.latent_pi.outputs
+        actor.mu = nn.Linear(width, actor.mu.out_features).to(self.device)
+        nn.init.uniform_(actor.mu.weight, -0.01, 0.01)  # begin near no force
+        actor.log_std = nn.Linear(width, actor.mu.out_features).to(self.device)
+        return actor
+
+
+def tanh_layers(inputs: int, hidden: tuple[int, ...]) -> nn.Sequential:
+    """Return fully connected tanh layers."""
+    layers: list[nn.Module] = []
+    for outputs in hidden:
+        layers += [nn.Linear(inputs, outputs), nn.Tanh()]
+        inputs = outputs
+    return nn.Sequential(*layers)
+
+
+class LawNet(nn.Module):
+    """The policy of search and analytic gradients: clip(linear law + small network).
+
+    Parameters
+    ----------
+    observation_space : gymnasium.spaces.Box
+        Space of the raw observation.
+    features : FeatureMap
+        What the small network sees.
+    hidden : tuple of int
+        Widths of its layers; empty for a linear law.
+    actions : int
+        Number of actuators.
+
+    Notes
+    -----
+    Linear in ``x`` and, where the limit is seen, in ``x / limit``. The gains are ``sinh`` of the
+    parameters, so that one search step of order one covers gains from below 1 to 1000. With gains
+    that high the sum is made in double precision, or its rounding would show in the action.
+    """
+
+    def __init__(
+        self,
+        observation_space: gym.Space[Any],
+        features: FeatureMap,
+        hidden: tuple[int, ...],
+        actions: int,
+    ) -> None:
+        super().__init__()
+        size = observation_space.shape[0]  # type: ignore[index]
+        self.has_limit = size in (task.FEEDBACK_SIZE + 1, task.FULL_SIZE + 1)
+        inputs = 2 * (size - 1) if self.has_limit else size
+        self.gains = nn.Parameter(torch.zeros(actions, inputs))
+        self.features: Features | None = None
+        self.bend: nn.Module | None = None
+        if hidden:
+            self.features = Features(observation_space, features)
+            out = nn.Linear(hidden[-1], actions)
+            nn.init.zeros_(out.weight)
+            nn.init.zeros_(out.bias)
+            self.bend = nn.Sequential(*tanh_layers(self.features.features_dim, hidden), out)
+
+    def command(self, observation: Tensor) -> Tensor:
+        """Return the action before it is clipped, shape (n, m)."""
+        x = observation
+        if self.has_limit:
+            x = torch.cat([x[:, :-1], x[:, :-1] / x[:, -1:]], dim=1)
+        u = (x.double() @ torch.sinh(self.gains).double().T).to(x.dtype)
+        if self.bend is not None and self.features is not None:
+            u = u + self.bend(self.features(observation))
+        return u
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Return the action, shape (n, m), of raw observations (n, k)."""
+        return torch.clamp(self.command(observation), -1.0, 1.0)
+
+
+class Deterministic(nn.Module):
+    """What is exported of an SB3 policy: raw observation to mean action, without its distribution.
+
+    Parameters
+    ----------
+    policy : BasePolicy
+        PPO's, SAC's (or TQC's), or TD3's policy.
+    """
+
+    def __init__(self, policy: BasePolicy) -> None:
+        super().__init__()
+        if isinstance(policy, ActorCriticPolicy):
+            self.features = policy.pi_features_extractor
+            self.latent = policy.mlp_extractor.policy_net
+            self.head = policy.action_net
+            self.squash = False
+        elif isinstance(policy, TD3Policy):
+            actor = policy.actor
+            assert isinstance(actor, TD3Actor)
+            self.features, self.latent, self.head = actor.features_extractor, actor.mu, None
+            self.squash = False
+        else:
+            actor = policy.actor  # type: ignore[union-attr]
+            self.features = actor.features_extractor
+            self.latent, self.head = actor.latent_pi, actor.mu
+            self.squash = True
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Return the action, shape (n, m), of raw observations (n, k)."""
+        found = self.latent(self.features(observation))
+        if self.head is not None:
+            found = self.head(found)
+        return torch.tanh(found) if self.squash else torch.clamp(found, -1.0, 1.0)

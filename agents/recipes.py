@@ -1,0 +1,314 @@
+"""How each agent is trained: one frozen recipe for each algorithm and task, with its reasons.
+
+A task is a track of `qcar_env.evaluation.tracks` with one force limit or several:
+
+    paper                              the force limit of the track, s = 1
+    budget-0.75, -0.5, -0.25, -0.1     one limit each
+    budget                             one policy for all limits, which sees the limit
+    feedback, feedback-0.5             the state alone, at s = 1 and 0.5
+    randomised, -0.5, -0.25            everything varies, at s = 1, 0.5 and 0.25
+
+A recipe is called ``<algorithm>-<task>``: ``ppo-paper``, ``sac-budget-0.5``, ``cma-feedback``.
+
+What decided, in order (measured, see the learning report):
+
+1. The reward counts the amplitude removed in units of what the actuator can remove
+   (`agents.training_env`). With it half a period of the forcing is horizon enough at s = 1, and
+   gamma 0.93 learns in 10^5 intervals what gamma 0.98 did not in 5 10^5.
+2. Magnified copies of the state among the features, and a direct linear path from features to
+   action (`agents.networks`): the best classical laws are saturated linear ones.
+3. Many small updates: minibatches of 512, not of 4096. At batch 4096 the same number of steps
+   has an eighth of the updates and got nowhere.
+4. PPO's exploration follows a schedule. The learned standard deviation collapses or stays.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal
+
+from agents.networks import FeatureMap
+from agents.training_env import Reward
+from qcar_env.evaluation.tracks import Track, track as find_track
+from qcar_env.physics.validation import known, non_negative, positive, whole
+
+Algorithm = Literal["ppo", "sac", "td3", "cma", "gradient"]
+ALGORITHMS: tuple[Algorithm, ...] = ("ppo", "sac", "td3", "cma", "gradient")
+ALGORITHM_TITLES: Mapping[str, str] = MappingProxyType(
+    {
+        "ppo": "PPO (Stable-Baselines3)",
+        "sac": "SAC (Stable-Baselines3)",
+        "td3": "TD3 (Stable-Baselines3)",
+        "cma": "policy search by CMA-ES: no gradient, whole crossings",
+        "gradient": "analytic gradient through the equations of motion",
+    }
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPOSettings:
+    """Settings of PPO; the reasons stand beside the defaults."""
+
+    n_steps: int = 64  # 64 cars x 64 intervals = 4096 a rollout: 70 updates of the policy in 3e5
+    batch: int = 512  # see 3. above
+    epochs: int = 5  # more reuse moved the ratio past the clip range
+    gamma: float = 0.93  # horizon 14 intervals, half a period of the forcing
+    gae_lambda: float = 0.9  # the critic is good after 10^4 intervals; less variance
+    learning_rate: tuple[float, float] = (1e-3, 1e-5)  # falls linearly; the end polishes
+    std: tuple[float, float] = (0.5, 0.05)  # of the exploration, falls geometrically
+    clip_range: float = 0.2  # SB3's
+    max_grad_norm: float = 1.0  # returns are of order one, so the critic rarely exceeds it
+
+
+@dataclass(frozen=True, kw_only=True)
+class OffPolicySettings:
+    """Settings of SAC and TD3."""
+
+    batch: int = 256  # SB3's
+    gradient_steps: int = (
+        2  # for each interval of all cars; more cost more wall time than they gave
+    )
+    gamma: float = 0.93  # as PPO
+    tau: float = 0.01  # twice SB3's: the horizon is short
+    learning_rate: tuple[float, float] = (1e-3, 2e-5)  # falls linearly
+    buffer: int = 200_000  # holds all of a short training
+    learning_starts: int = 2_000  # 125 intervals of 16 cars at random
+    target_entropy: float = -4.0  # twice SB3's: a calmer policy, std about 0.1
+    noise: float = 0.1  # TD3's exploration
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings:
+    """Settings of CMA-ES."""
+
+    population: int = 24  # 4 + 3 ln(dimension) is 12 to 16; doubled, as the landscape has kinks
+    sigma: float = 1.0  # a factor e on a large gain
+    crossing: float = 40.0  # [s] the slow mode's envelope takes 4.8 s; true steady state
+    velocity_gain: float = 4.0  # start: sinh(4) = 27 on the own velocity, a weak classical law
+    bound: float = 8.0  # of the parameters: gains to sinh(8) = 1490, beyond which rounding shows
+    least_weight: float = 0.02  # of the smaller relative amplitude, which breaks ties
+
+
+@dataclass(frozen=True, kw_only=True)
+class GradientSettings:
+    """Settings of the analytic gradient."""
+
+    horizon: int = 120  # intervals differentiated through: 5 periods, 0.6 s
+    learning_rate: tuple[float, float] = (1e-2, 1e-4)  # falls linearly
+    max_grad_norm: float = 1.0  # saturation makes gradients jump
+    leak: float = 0.02  # slope of the clip outside [-1, 1], or nothing would flow
+    temperature: float = 0.2  # [-] of the soft maximum over the two masses
+
+
+Settings = PPOSettings | OffPolicySettings | SearchSettings | GradientSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """How one agent is trained.
+
+    Parameters
+    ----------
+    algorithm : str
+        One of `ALGORITHMS`.
+    task : str
+        One of `TASKS`.
+    settings : Settings
+        Of the algorithm.
+    features : FeatureMap
+        What its networks see.
+    hidden : tuple of int
+        Widths of the tanh layers.
+    reward : Reward
+        What it is rewarded for (not CMA-ES and gradient, which see the amplitude itself).
+    cars : int
+        Cars at once.
+    steps : int
+        Environment steps (control intervals of all cars) of a training.
+    velocity_gain : float
+        Gain of the direct path's start on each own velocity [-]: a residual on velocity feedback.
+    target : tuple of float or None
+        Relative amplitudes below which training stops early.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range or a name unknown.
+    """
+
+    algorithm: str
+    task: str
+    settings: Settings
+    features: FeatureMap = field(default_factory=FeatureMap)
+    hidden: tuple[int, ...] = (64, 64)  # 128 gave nothing and costs half as much again
+    reward: Reward = field(default_factory=Reward)
+    cars: int = 64
+    steps: int = 300_000
+    velocity_gain: float = 0.0  # [-] from scratch
+    target: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Check names and numbers."""
+        known("algorithm", self.algorithm, ALGORITHMS)
+        known("task", self.task, TASKS)
+        whole("cars", self.cars)
+        whole("steps", self.steps)
+        non_negative("velocity gain", self.velocity_gain)
+        for width in self.hidden:
+            whole("width of a layer", width)
+        for value in self.target or ():
+            positive("target", value)
+
+    @property
+    def name(self) -> str:
+        """``<algorithm>-<task>``."""
+        return f"{self.algorithm}-{self.task}"
+
+    @property
+    def track(self) -> Track:
+        """The track of the task."""
+        return find_track(TASKS[self.task].track)
+
+    @property
+    def force_scales(self) -> tuple[float, ...]:
+        """Force limits over the scenario's own [-]."""
+        return TASKS[self.task].force_scales
+
+    @property
+    def observe_limit(self) -> bool:
+        """Whether the policy sees the force limit: where there are several."""
+        return len(self.force_scales) > 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """A track and the force limits that one policy is for."""
+
+    track: str
+    force_scales: tuple[float, ...]
+
+
+TASKS: Mapping[str, Task] = MappingProxyType(
+    {
+        "paper": Task(track="paper", force_scales=(1.0,)),
+        "budget": Task(track="budget", force_scales=(1.0, 0.75, 0.5, 0.25, 0.1)),
+        "budget-0.75": Task(track="budget", force_scales=(0.75,)),
+        "budget-0.5": Task(track="budget", force_scales=(0.5,)),
+        "budget-0.25": Task(track="budget", force_scales=(0.25,)),
+        "budget-0.1": Task(track="budget", force_scales=(0.1,)),
+        "feedback": Task(track="feedback", force_scales=(1.0,)),
+        "feedback-0.5": Task(track="feedback", force_scales=(0.5,)),
+        "randomised": Task(track="randomised", force_scales=(1.0,)),
+        "randomised-0.5": Task(track="randomised", force_scales=(0.5,)),
+        "randomised-0.25": Task(track="randomised", force_scales=(0.25,)),
+    }
+)
+
+
+def _features(task: str) -> FeatureMap:
+    return FeatureMap(kind="feedback" if TASKS[task].track == "feedback" else "full")
+
+
+def _saturates(task: str) -> bool:
+    """Whether the force limit is below what the forcing asks for, so that vibration remains."""
+    return task.endswith(("-0.5", "-0.25", "-0.1")) or task in ("budget", "randomised")
+
+
+def _ppo(task: str) -> Recipe:
+    if not _saturates(task):
+        return Recipe(algorithm="ppo", task=task, settings=PPOSettings(), features=_features(task))
+    # Where vibration remains, what counts is the steady cost, not the speed of removal: a horizon
+    # of 100 intervals, and weight on the larger relative amplitude, which is scored.
+    return Recipe(
+        algorithm="ppo",
+        task=task,
+        settings=PPOSettings(gamma=0.99, gae_lambda=0.95, std=(0.4, 0.05)),
+        features=_features(task),
+        reward=Reward(removed=(1.0, 0.5), worst=1.0),
+        steps=600_000,
+    )
+
+
+def _sac(task: str) -> Recipe:
+    recipe = Recipe(
+        algorithm="sac",
+        task=task,
+        settings=OffPolicySettings(),
+        features=_features(task),
+        cars=16,
+        steps=200_000,
+    )
+    if not _saturates(task):
+        return recipe
+    return dataclasses.replace(
+        recipe,
+        settings=OffPolicySettings(gamma=0.99),
+        reward=Reward(removed=(1.0, 0.5), worst=1.0),
+    )
+
+
+def _td3(task: str) -> Recipe:
+    return dataclasses.replace(_sac(task), algorithm="td3")
+
+
+def _cma(task: str) -> Recipe:
+    """Linear laws; gains of every state, and of road and force where they are seen."""
+    crossings = {"budget": 5, "paper": 1, "feedback": 1}
+    cars = crossings.get(task, 24 if task.startswith("randomised") else 1)
+    steps = 8000 * cars * SearchSettings().population  # of a generation
+    return Recipe(
+        algorithm="cma",
+        task=task,
+        settings=SearchSettings(),
+        features=_features(task),
+        hidden=(),
+        cars=cars,
+        steps=steps * (150 if cars == 1 else 120),
+    )
+
+
+def _gradient(task: str) -> Recipe:
+    return Recipe(
+        algorithm="gradient",
+        task=task,
+        settings=GradientSettings(),
+        features=_features(task),
+        hidden=(32, 32),
+        cars=128,
+        steps=128 * 120 * 400,
+        velocity_gain=20.0,
+    )
+
+
+_MAKERS = {"ppo": _ppo, "sac": _sac, "td3": _td3, "cma": _cma, "gradient": _gradient}
+
+RECIPES: Mapping[str, Recipe] = MappingProxyType(
+    {
+        f"{algorithm}-{task}": make(task)
+        for algorithm, make in _MAKERS.items()
+        for task in TASKS
+        if algorithm != "td3" or task == "paper"
+    }
+)
+
+
+def recipe(algorithm: str, task: str) -> Recipe:
+    """Return the recipe of an algorithm for a task.
+
+    Raises
+    ------
+    ValueError
+        If algorithm or task is unknown, or there is no such recipe; the message lists what there
+        is.
+    """
+    known("algorithm", algorithm, ALGORITHMS)
+    known("track", task, TASKS)
+    return RECIPES[known("recipe", f"{algorithm}-{task}", RECIPES)]
+
+
+def as_dict(recipe: Recipe) -> dict[str, Any]:
+    """Return a recipe as plain data, for JSON."""
+    return {"name": recipe.name, **dataclasses.asdict(recipe)}

@@ -1,0 +1,174 @@
+"""Steady amplitudes of a policy on a track, for live evaluation, validation and reports.
+
+The crossings are those of `qcar_env.evaluation.tracks`; they run all at once on the linear maps of
+`agents.crossing` and end in true steady state.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from agents import crossing
+from qcar_env.analysis.optimum import period_optimum
+from qcar_env.control import CNVC, LNVC
+from qcar_env.envs import task
+from qcar_env.evaluation.policy import Policy
+from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
+from qcar_env.physics.validation import known
+from qcar_env.scenarios import Scenario
+
+Array = NDArray[np.float64]
+PERIODS = 20  # over which amplitudes are taken
+HARMONIC_SAMPLES = 64  # forces in a period of the linear program
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """What a policy leaves of the vibration."""
+
+    amplitudes: Array  # (n, 2) largest |x1|, |x2| over the last periods of each crossing [m]
+    relative: Array  # (n, 2) the same over the crossing's own uncontrolled amplitudes [-]
+
+    @property
+    def rho(self) -> Array:
+        """``max_i(a_i / A_i)`` of each crossing, shape (n,) [-]."""
+        return np.max(self.relative, axis=1)
+
+    @property
+    def reductions(self) -> tuple[float, float]:
+        """Mean reductions of x1 and x2 [dB]."""
+        db = -20.0 * np.mean(np.log10(np.maximum(self.relative, 1e-12)), axis=0)
+        return float(db[0]), float(db[1])
+
+
+def score(
+    policy: Policy,
+    track: Track,
+    *,
+    force_scale: float,
+    split: Split = "validation",
+    observe_limit: bool = False,
+    count: int | None = None,
+    duration: float | None = None,
+) -> Score:
+    """Score a policy on a set of a track at one force limit.
+
+    Parameters
+    ----------
+    policy : Policy
+        What acts; it is shown what the track allows, and the limit if `observe_limit`.
+    track : Track
+        The track.
+    force_scale : float
+        Force limit over the scenario's own [-].
+    split : {"training", "validation", "held-out"}
+        Which set of crossings.
+    observe_limit : bool
+        Whether the policy reads the force limit.
+    count : int, optional
+        Number of crossings; the track's if left out.
+    duration : float, optional
+        Length of a crossing [s]; the track's if left out. Below 40 s the slow mode still moves.
+    """
+    drawn = episodes(track, split, force_scale=force_scale, count=count)
+    return run(policy, track, drawn, observe_limit=observe_limit, duration=duration)
+
+
+def run(
+    policy: Policy,
+    track: Track,
+    drawn: Sequence[Episode],
+    *,
+    observe_limit: bool = False,
+    duration: float | None = None,
+) -> Score:
+    """Score a policy on the given crossings of a track (arguments: `score`)."""
+    plants, z = crossing.of_track(drawn, track.nominal)
+    steps = round((track.duration if duration is None else duration) / plants.dt)
+    slowest = min(each.scenario.road.omega for each in drawn)
+    window = math.ceil(PERIODS * 2.0 * math.pi / slowest / plants.dt)
+    peak = np.zeros((len(drawn), 2))
+    memory: Any = None
+    begin = np.ones(len(drawn), dtype=np.bool_)
+    for k in range(steps):
+        seen = crossing.observations(z, plants, track.observe, observe_limit)
+        action, memory = policy.predict(seen, memory, begin, True)
+        begin = np.zeros(len(drawn), dtype=np.bool_)
+        z = crossing.advance(z, np.asarray(action, dtype=np.float64), plants)
+        if k >= steps - window:
+            peak = np.maximum(peak, np.abs(z[:, :2]))
+    own = np.array([each.scenario.reference_amplitudes for each in drawn])
+    return Score(amplitudes=peak, relative=peak / own)
+
+
+@lru_cache(maxsize=512)
+def optimum(scenario: Scenario) -> float:
+    """Return the lower bound on rho of a scenario, of any force within its limit [-]."""
+    return max(0.0, period_optimum(scenario, samples=HARMONIC_SAMPLES).bound)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VelocityPolicy:
+    """CNVC or saturated linear velocity feedback, to compare with.
+
+    Parameters
+    ----------
+    law : CNVC or LNVC
+        The law with its gains.
+    scenario : Scenario
+        Nominal scenario at force limit 1: gives units and limits.
+    force_scale : float
+        Force limit over the scenario's own [-].
+    """
+
+    law: CNVC | LNVC
+    scenario: Scenario
+    force_scale: float = 1.0
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], Any]:
+        """Return the law's force over its limit, clipped."""
+        scales = task.scales(self.scenario)
+        seen = np.asarray(observation, dtype=np.float64)
+        v = seen[:, 2:4] / np.array([scales.v1, scales.v2])
+        gains = np.array(self.law.gains[:2])
+        force = -gains * (v * v * v if isinstance(self.law, CNVC) else v)
+        limits = self.force_scale * np.array(self.scenario.actuator.limit)
+        return np.clip(force / limits, -1.0, 1.0).astype(np.float32), None
+
+
+def reference(
+    name: str, track: Track, force_scale: float, drawn: Sequence[Episode] | None = None
+) -> Score:
+    """Score a law to compare with: ``cnvc`` (published gain 1.2) or ``velocity`` (gain 100).
+
+    Parameters
+    ----------
+    name : {"cnvc", "velocity"}
+        Which law. High-gain saturated velocity feedback is the strongest law with two gains.
+    track : Track
+        The track.
+    force_scale : float
+        Force limit over the scenario's own [-].
+    drawn : sequence of Episode, optional
+        The crossings; one from rest if left out.
+    """
+    laws = {"cnvc": CNVC(G1=1.2, G2=1.2), "velocity": LNVC(G1=100.0, G2=100.0)}
+    law = laws[known("law", name, laws)]
+    if drawn is None:
+        drawn = episodes(track, "validation", force_scale=force_scale, count=1)
+    return run(
+        VelocityPolicy(law=law, scenario=track.nominal, force_scale=force_scale), track, drawn
+    )

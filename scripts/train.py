@@ -1,0 +1,149 @@
+"""Train an agent: PPO, SAC, TD3, policy search by CMA-ES, or the analytic gradient.
+
+    python scripts/train.py --algo ppo --track paper --seed 3
+    python scripts/train.py --algo sac --track budget-0.5 --seeds 0 1 2 3 4
+    python scripts/train.py --resume runs/ppo-paper-seed3
+    python scripts/train.py --algo ppo --track paper --seeds 0 1 2 3 4 --publish
+
+A track with a number is the track at that force limit alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from agents.publish import publish
+from agents.recipes import ALGORITHMS, TASKS, Recipe, recipe
+from agents.train import Progress, References, Result, resumed_recipe, train
+from qcar_env.evaluation.storage import replacing
+
+RUNS = Path("runs")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; return its exit status."""
+    parser = _parser()
+    args = parser.parse_args(argv)
+    try:
+        if args.resume is not None:
+            algorithm, task, seed, steps = resumed_recipe(args.resume)
+            chosen = dataclasses.replace(recipe(algorithm, task), steps=steps)
+            _one(chosen, seed, args.resume, args, resume=True)
+            return 0
+        chosen = recipe(args.algo, args.track)
+        if args.steps is not None:
+            chosen = dataclasses.replace(chosen, steps=args.steps)
+        seeds = args.seeds if args.seeds else [args.seed]
+        if args.publish and args.steps is not None:
+            raise ValueError("--publish ships what the recipe makes; leave out --steps")
+        results = [
+            _one(chosen, seed, args.out or RUNS / f"{chosen.name}-seed{seed}", args, resume=False)
+            for seed in seeds
+        ]
+        if args.publish:
+            folder = publish([each.folder for each in results], force=args.force)
+            print(f"published {folder}")
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--algo", default="ppo", help=f"one of: {', '.join(ALGORITHMS)}")
+    parser.add_argument("--track", default="paper", help=f"one of: {', '.join(TASKS)}")
+    parser.add_argument("--seed", type=int, default=0, help="seed of everything drawn")
+    parser.add_argument("--seeds", type=int, nargs="+", help="several seeds, one after another")
+    parser.add_argument("--steps", type=int, help="environment steps instead of the recipe's")
+    parser.add_argument("--out", type=Path, help="run folder (default runs/NAME-seedN)")
+    parser.add_argument("--resume", type=Path, metavar="FOLDER", help="go on with a killed run")
+    parser.add_argument("--force", action="store_true", help="replace what is there")
+    parser.add_argument(
+        "--target-db", type=float, help="stop when both amplitudes are reduced by this [dB]"
+    )
+    parser.add_argument(
+        "--tensorboard", action="store_true", help="write TensorBoard files into the run folder"
+    )
+    parser.add_argument(
+        "--publish",
+        action="store_true",
+        help="ship the seed that is best on validation in agents/pretrained",
+    )
+    parser.add_argument("--quiet", action="store_true", help="no progress bar")
+    return parser
+
+
+def _one(
+    chosen: Recipe, seed: int, folder: Path, args: argparse.Namespace, *, resume: bool
+) -> Result:
+    from tqdm import tqdm
+
+    print(f"{chosen.name}, seed {seed}: {chosen.steps:,} environment steps into {folder}")
+    with tqdm(total=chosen.steps, unit="step", unit_scale=True, disable=args.quiet) as bar:
+
+        def report(progress: Progress, beside: References) -> None:
+            bar.update(progress.steps - bar.n)
+            bar.set_postfix_str(describe(progress, beside))
+
+        result = train(
+            chosen,
+            seed,
+            folder,
+            resume=resume,
+            force=args.force,
+            target_db=args.target_db,
+            tensorboard=args.tensorboard,
+            report=report,
+        )
+    _figure(result)
+    for scale, found in result.validation.items():
+        print(
+            f"  s = {scale}: rho {found['rho']:.4f} (optimum {found['optimum']:.4f}), "
+            f"x1 {found['x1']:.5f} m, x2 {found['x2']:.5f} m"
+        )
+    print(f"  {result.steps:,} steps, {result.wall:.0f} s wall, {result.cpu:.0f} s CPU")
+    return result
+
+
+def describe(progress: Progress, beside: References) -> str:
+    """Return a live evaluation in words: dB below the uncontrolled amplitudes."""
+    x1, x2 = progress.reductions
+    cnvc = Progress(steps=0, wall=0.0, cpu=0.0, x1=beside.cnvc[0], x2=beside.cnvc[1], rho=0.0)
+    c1, c2 = cnvc.reductions
+    return (
+        f"x1 {x1:.1f}, x2 {x2:.1f} dB (CNVC {c1:.1f}, {c2:.1f}); "
+        f"rho {progress.rho:.4f} (optimum {beside.optimum:.4f})"
+    )
+
+
+def _figure(result: Result) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib.figure import Figure
+
+    from qcar_env.plots.learning import COLOURS, learning_curve
+
+    figure = Figure(figsize=(6.0, 3.6), layout="constrained")
+    axes = figure.subplots()
+    wall = [each.wall for each in result.history]
+    for name, colour in (("x1", COLOURS[0]), ("x2", COLOURS[1])):
+        curve = [getattr(each, name) for each in result.history]
+        learning_curve(axes, wall, [curve], label=f"{name} / uncontrolled", colour=colour)
+    axes.set_xlabel("training time [s]")
+    axes.set_ylabel("relative amplitude [-]")
+    axes.legend()
+    with replacing(result.folder / "learning_curve.png") as path:
+        figure.savefig(path, dpi=150)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
