@@ -242,7 +242,7 @@ def load(path: Path = catalogue.STORE) -> tuple[Tuned, ...]:
 
 def _on_optimum(case: Episode) -> Episode:
     """Return the crossing started on its own optimal steady motion."""
-    plan = period_optimum(case.scenario, weights=case.weights)
+    plan = period_optimum(case.scenario)
     share = (case.phase / (2.0 * np.pi)) % 1.0
     state = plan.x[int(share * (len(plan.x) - 1))]
     return dataclasses.replace(case, state=tuple(float(value) for value in state))
@@ -263,7 +263,7 @@ def _batch_rho(cars: Crossings, act: Callable[[Array, Array], Array], candidates
         np.clip(x, -1e6, 1e6, out=x)  # a diverging candidate stays a number
         if k >= steps - window:
             np.maximum(peak, np.abs(x[:, :2]), out=peak)
-    amplitudes = np.array([each.nominal.reference_amplitudes for each in cars.episodes])
+    amplitudes = np.array([each.scenario.reference_amplitudes for each in cars.episodes])
     scale = np.tile(amplitudes, (candidates, 1))
     return (peak / scale).max(axis=1).reshape(candidates, n).mean(axis=1)
 

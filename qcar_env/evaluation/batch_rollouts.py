@@ -253,7 +253,7 @@ def steady_amplitudes(rollout: BatchRollout, periods: int) -> Array:
 def steady_rho(rollout: BatchRollout, periods: int) -> Array:
     """Return ``max_i(a_i / A_i)`` over the last whole periods, shape (n,) [-].
 
-    A_i are the uncontrolled amplitudes of the nominal scenario (see `Episode.weights`).
+    A_i are the crossing's own uncontrolled amplitudes: rho is the share of its vibration left.
     """
-    reference = np.array([each.nominal.reference_amplitudes for each in rollout.episodes])
+    reference = np.array([each.scenario.reference_amplitudes for each in rollout.episodes])
     return np.max(steady_amplitudes(rollout, periods) / reference, axis=1)

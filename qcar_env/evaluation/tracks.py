@@ -44,16 +44,6 @@ class Episode:
     phase: float  # of the road at the start [rad]
     factors: task.Factors = task.UNVARIED  # what `nominal` was multiplied by, see `vary`
 
-    @property
-    def weights(self) -> tuple[float, float]:
-        """Uncontrolled amplitudes of this crossing over the nominal ones [-].
-
-        Amplitudes are measured in the nominal ones, as in the environment's reward: a metre counts
-        the same in every draw. With these weights the optimum is in the same units.
-        """
-        own, nominal = self.scenario.reference_amplitudes, self.nominal.reference_amplitudes
-        return own[0] / nominal[0], own[1] / nominal[1]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Track:

@@ -1,0 +1,94 @@
+"""A policy from a bare ONNX file: observation in, action out. Needs onnxruntime."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_env.envs import task
+
+
+class OnnxPolicy:
+    """A network with one input (n, k) and the actions (n, m) as its first output.
+
+    Parameters
+    ----------
+    path : Path
+        The file. It holds no code, so a file from elsewhere is safe to load.
+
+    Raises
+    ------
+    ValueError
+        If the file is absent or no policy, or its input has no size that an observation has.
+    RuntimeError
+        If onnxruntime is not installed.
+
+    Notes
+    -----
+    The number of inputs says what the policy reads: 4 the state, 8 also road and external force,
+    5 and 9 the same with the force limit.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            runtime = importlib.import_module("onnxruntime")
+        except ImportError:
+            raise RuntimeError(
+                "an ONNX policy needs onnxruntime: pip install 'qcar_env[run]'"
+            ) from None
+        if not path.is_file():
+            raise ValueError(f"no file {path}; give the path of an ONNX file")
+        options = runtime.SessionOptions()
+        options.intra_op_num_threads = 1  # a small net is slower on two
+        options.log_severity_level = 3
+        try:
+            self._session: Any = runtime.InferenceSession(
+                path.read_bytes(), options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # onnxruntime has no common class of its own
+            raise ValueError(f"{path} is not an ONNX policy: {error}") from error
+        self._input = self._session.get_inputs()[0]
+        sizes = {
+            task.observation_size(observe, limit): (observe, limit)
+            for observe in task.OBSERVE
+            for limit in (False, True)
+        }
+        size = self._input.shape[-1]
+        if size not in sizes:
+            raise ValueError(
+                f"{path} must take an observation of {', '.join(map(str, sorted(sizes)))} entries, "
+                f"got {size}"
+            )
+        self.name = path.stem if path.stem != "policy" else path.parent.name
+        self.size = int(size)
+        self.reads, self.observe_limit = sizes[size]
+
+    def predict(
+        self,
+        observation: Any,
+        state: tuple[NDArray[Any], ...] | None = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], None]:
+        """Return the actions (see `qcar_env.evaluation.policy.Policy`); nothing is remembered.
+
+        Raises
+        ------
+        ValueError
+            If the observation has the wrong size.
+        """
+        seen = np.asarray(observation, dtype=np.float32)
+        if seen.ndim not in (1, 2) or seen.shape[-1] != self.size:
+            raise ValueError(
+                f"observation of {self.name} must have {self.size} entries, got shape "
+                f"{seen.shape}; "
+                f"make the environment with observe={self.reads!r}, "
+                f"observe_limit={self.observe_limit}"
+            )
+        batch = np.ascontiguousarray(seen.reshape(-1, self.size))
+        action = np.asarray(self._session.run(None, {self._input.name: batch})[0])
+        return action.reshape(*seen.shape[:-1], -1), None

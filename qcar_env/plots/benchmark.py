@@ -1,0 +1,275 @@
+"""Figures of the benchmark: the frontier, forces against velocity, histories, robustness."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from qcar_env.evaluation.statistics import Interval
+from qcar_env.plots.style import DOUBLE_COLUMN, Line, line
+
+Array = NDArray[np.float64]
+
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
+SMALLEST = 1e-5  # [-] lower edge of logarithmic axes: stillness for any purpose
+
+# Policies that every figure may show, in this order, with one look each.
+LOOKS: Mapping[str, Line] = {
+    "cnvc": line("cnvc"),
+    "cnvc (tuned)": Line(line("cnvc").color, (0, (4, 2)), "CNVC, tuned"),
+    "lnvc (tuned)": Line(line("lnvc").color, "-", "linear velocity feedback, tuned"),
+    "state (tuned)": Line("#882255", "-", "state feedback, tuned"),
+    "linear (tuned)": Line("#332288", "-", "linear in state and forcing, tuned"),
+    "lqr-model": Line("#44AA99", "-", "LQR with internal model"),
+    "mpc": Line("#117733", "-", "MPC with preview"),
+    "learned": Line(line("learned").color, "-", "best learned"),
+    "optimum": Line(line("optimum").color, "-", "optimum"),
+}
+
+
+def look(policy: str) -> Line:
+    """Return how a policy is drawn; those without a look of their own by `style.line`."""
+    return LOOKS.get(policy) or line(policy)
+
+
+def frontier(
+    ax: Axes,
+    limits: ArrayLike,
+    policies: Mapping[str, Sequence[Interval | None]],
+    lower: ArrayLike,
+    upper: ArrayLike,
+) -> Axes:
+    """Draw what is left of the vibration against the force limit.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    limits : array_like (k,)
+        Force limits over the scenario's own [-], rising.
+    policies : mapping of str to sequence of Interval or None
+        rho at each limit by policy [-]; None where it did not run.
+    lower, upper : array_like (k,)
+        The optimum's bracket at each limit [-]; below it nothing can be.
+
+    Returns
+    -------
+    Axes
+    """
+    s = np.asarray(limits, dtype=np.float64)
+    low = np.maximum(np.asarray(lower, dtype=np.float64), SMALLEST)
+    high = np.maximum(np.asarray(upper, dtype=np.float64), SMALLEST)
+    ax.fill_between(s, SMALLEST * 0.5, low, color="#EEEEEE", linewidth=0.0, zorder=0)
+    ax.fill_between(s, low, high, color=look("optimum").color, alpha=0.5, linewidth=0.0)
+    ax.plot(s, high, color=look("optimum").color, linewidth=1.6, label="optimum")
+    ax.text(
+        float(s[-1]) * 0.985,
+        SMALLEST * 1.3,
+        "no force within the limit reaches here",
+        ha="right",
+        color="#666666",
+        fontsize=6.5,
+    )
+    for number, (name, values) in enumerate(policies.items()):
+        style = look(name)
+        there = [(x, v) for x, v in zip(s, values, strict=True) if v is not None]
+        if not there:
+            continue
+        x = np.array([each[0] for each in there])
+        y = np.array([each[1].value for each in there])
+        error = np.array(
+            [[v.value - v.low for _, v in there], [v.high - v.value for _, v in there]]
+        )
+        ax.errorbar(
+            x,
+            np.maximum(y, SMALLEST),
+            yerr=np.maximum(error, 0.0),
+            color=style.color,
+            linestyle=style.linestyle,
+            marker=MARKERS[number % len(MARKERS)],
+            markersize=3.2,
+            capsize=1.5,
+            elinewidth=0.7,
+            label=style.label,
+        )
+    ax.set_yscale("log")
+    ax.set_ylim(SMALLEST * 0.5, 1.5)
+    ax.set_xlabel("force limit over CNVC's own peak force [-]")
+    ax.set_ylabel(r"vibration left, $\rho=\max_i a_i/A_i$ [-]")
+    return ax
+
+
+def over_optimum(
+    ax: Axes,
+    limits: Sequence[float],
+    policies: Mapping[str, Sequence[Interval | None]],
+    lower: Sequence[float],
+) -> Axes:
+    """Draw how far policies stay above the optimum, in percent, where there is one to divide by.
+
+    Parameters
+    ----------
+    ax, limits, policies, lower
+        See `frontier`.
+    """
+    kept = [i for i, value in enumerate(lower) if value > 0.01]
+    groups = [name for name, values in policies.items() if any(values[i] for i in kept)]
+    width = 0.8 / max(1, len(groups))
+    for number, name in enumerate(groups):
+        style = look(name)
+        for place, i in enumerate(kept):
+            value = policies[name][i]
+            if value is None:
+                continue
+            excess = 100.0 * (value.value / lower[i] - 1.0)
+            error = [
+                [100.0 * (value.value - value.low) / lower[i]],
+                [100.0 * (value.high - value.value) / lower[i]],
+            ]
+            ax.bar(
+                place + (number - 0.5 * (len(groups) - 1)) * width,
+                max(excess, 1e-3),
+                width * 0.9,
+                color=style.color,
+                yerr=np.maximum(error, 0.0),
+                error_kw={"elinewidth": 0.6, "capsize": 1.2},
+                hatch="////" if style.linestyle != "-" else None,
+                edgecolor="white",
+                linewidth=0.3,
+            )
+    ax.set_yscale("log")
+    ax.set_ylim(0.05, 100.0)
+    ax.set_xticks(range(len(kept)), [f"{limits[i]:g}" for i in kept])
+    ax.grid(visible=False, axis="x")
+    ax.set_xlabel("force limit over CNVC's own peak force [-]")
+    ax.set_ylabel(r"$\rho$ above the optimum [%]")
+    return ax
+
+
+def force_against_velocity(
+    ax: Axes, velocity: ArrayLike, force: ArrayLike, name: str, *, limit: float
+) -> Axes:
+    """Draw the force that a policy gave against the velocity that it saw.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    velocity, force : array_like (k,)
+        Velocity of a mass [m/s] and the specific force that followed on it [m/s^2].
+    name : str
+        The policy.
+    limit : float
+        Force limit [m/s^2].
+    """
+    style = look(name)
+    ax.plot(
+        velocity,
+        force,
+        color=style.color,
+        linestyle="none",
+        marker=".",
+        markersize=2.5,
+        label=style.label,
+    )
+    for sign in (-1.0, 1.0):
+        ax.axhline(sign * limit, color="#999999", linewidth=0.5, linestyle=(0, (1, 2)))
+    return ax
+
+
+def histories(
+    figure: Figure,
+    records: Mapping[str, tuple[Array, Array, Array]],
+    amplitudes: tuple[float, float],
+    limits: tuple[float, float],
+) -> NDArray[Any]:
+    """Draw the last periods of displacements and forces of several policies.
+
+    Parameters
+    ----------
+    figure : Figure
+        Where to draw; four panels are made.
+    records : mapping of str to tuple
+        ``(t, x, force)`` by policy: times (k,) [s], states (k, 4), forces (k, 2) [m/s^2].
+    amplitudes : tuple of float
+        Uncontrolled amplitudes [m], for the relative scale.
+    limits : tuple of float
+        Force limits [m/s^2].
+
+    Returns
+    -------
+    ndarray of Axes (2, 2)
+    """
+    axes = figure.subplots(2, 2, sharex=True)
+    for name, (t, x, force) in records.items():
+        style = look(name)
+        time = 1e3 * (t - t[0])
+        for mass in (0, 1):
+            axes[0, mass].plot(
+                time,
+                x[:, mass] / amplitudes[mass],
+                color=style.color,
+                linestyle=style.linestyle,
+                label=style.label,
+            )
+            # The force at a sample was held over the interval before it.
+            axes[1, mass].step(
+                time, force[:, mass] / limits[mass], where="pre", color=style.color, linewidth=0.8
+            )
+    for mass, word in enumerate(("wheel", "body")):
+        axes[0, mass].set_title(word)
+        axes[0, mass].set_ylabel(rf"$x_{mass + 1}/A_{mass + 1}$ [-]")
+        axes[1, mass].set_ylabel(rf"$u_{mass + 1}$ over its limit [-]")
+        axes[1, mass].set_xlabel("time [ms]")
+        axes[1, mass].set_ylim(-1.15, 1.15)
+    return axes
+
+
+def robustness(ax: Axes, policies: Mapping[str, ArrayLike], bound: ArrayLike) -> Axes:
+    """Draw the share of held-out crossings in which at most some vibration is left.
+
+    Parameters
+    ----------
+    ax : Axes
+        Where to draw.
+    policies : mapping of str to array_like (n,)
+        rho of every crossing by policy [-].
+    bound : array_like (n,)
+        Lower bound of the optimum in every crossing [-].
+    """
+    everything = {"optimum": bound, **policies}
+    for name, values in everything.items():
+        style = look(name)
+        ordered = np.sort(np.maximum(np.asarray(values, dtype=np.float64), SMALLEST))
+        share = np.arange(1, len(ordered) + 1) / len(ordered)
+        ax.step(
+            np.concatenate([ordered[:1], ordered]),
+            np.concatenate([[0.0], share]),
+            where="post",
+            color=style.color,
+            linestyle=style.linestyle,
+            linewidth=1.6 if name == "optimum" else 1.0,
+            label=style.label,
+        )
+    ax.set_xscale("log")
+    ax.set_ylim(0.0, 1.02)
+    ax.set_xlabel(r"vibration left, $\rho$ [-]")
+    return ax
+
+
+def shared_legend(figure: Figure, axes: Sequence[Axes], *, columns: int = 4) -> None:
+    """Put one legend for all panels below the figure."""
+    entries: dict[str, Any] = {}
+    for ax in axes:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)
+
+
+SIZE = (DOUBLE_COLUMN, 3.0)  # [in]
+TALL = (DOUBLE_COLUMN, 4.0)  # [in]
