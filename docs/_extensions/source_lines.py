@@ -8,6 +8,8 @@ from typing import Any
 from sphinx.application import Sphinx
 
 _SOURCE = re.compile(r"(<pre>)(.*?)(</pre>)", re.DOTALL)
+# Lines that Sphinx puts between those of the source, around what the reference describes.
+_ADDED = re.compile(r'<div class="viewcode-block"|<a class="viewcode-back"|</div>')
 
 
 def number_lines(
@@ -19,14 +21,14 @@ def number_lines(
 
 
 def _number(found: re.Match[str]) -> str:
-    lines = found[2].split("\n")
-    # A line that begins with a tag that closes an element keeps it first.
-    numbered = [
-        f'<span class="source-line" id="line-{number}"></span>{line}'
-        if not line.startswith("</")
-        else line.replace(">", f'><span class="source-line" id="line-{number}"></span>', 1)
-        for number, line in enumerate(lines, start=1)
-    ]
+    numbered: list[str] = []
+    number = 0
+    for line in found[2].split("\n"):
+        if _ADDED.match(line):
+            numbered.append(line)
+        else:
+            number += 1
+            numbered.append(f'<span class="source-line" id="line-{number}"></span>{line}')
     return found[1] + "\n".join(numbered) + found[3]
 
 
