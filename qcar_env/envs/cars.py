@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from qcar_env.envs import task
 from qcar_env.physics import engine, engine_sampled
 from qcar_env.physics.engine_random import streams
-from qcar_env.physics.rk4 import Step, step_fractions
+from qcar_env.physics.rk4 import step_fractions
 from qcar_env.physics.validation import whole
 from qcar_env.scenarios import Scenario
 
@@ -80,9 +80,8 @@ class Cars:
         self._threads = whole("threads", threads)
         self._sizes = (scenario.dt, scenario.substeps)
         real = np.float32 if single else np.float64
-        self._fractions = Step(*map(real, step_fractions(scenario.dt / scenario.substeps)))
         self._blocks = -(-self.n // engine.LANES)
-        width = (engine_sampled.SCRATCH + engine_sampled.CAR) * engine.LANES
+        width = engine_sampled.SCRATCH_SIZE
         self._slabs = engine.aligned((self._blocks, engine_sampled.ROWS * engine.LANES), real)
         self._scratch = engine.aligned((self._threads, width), real)
         self._quiet = np.zeros(self._blocks, np.int64)
@@ -97,11 +96,37 @@ class Cars:
         self._kernels = engine_sampled.kernels(
             functions, self._entries, self._with_limit, self.actions, self._single
         )
+        self._step = self._kernels.step
         self._pid = os.getpid()
+        self._hold()
+
+    def _hold(self) -> None:
+        """Note where the arrays lie, for the kernel."""
+        arrays: list[NDArray[Any]] = [
+            self._slabs,
+            self._quiet,
+            self._streams,
+            self._nominals,
+            self._which,
+            self._scratch,
+            self.finals,
+            self.restarted,
+        ]
+        addresses = [each.ctypes.data for each in arrays]
+        self._held = np.array([*addresses, len(self._nominals)], np.int64)
+        dt, substeps = self._sizes
+        self._settings = {
+            mode: np.array([dt, substeps, mode, *step_fractions(dt / substeps)])
+            for mode in (DISABLED, NEXT_STEP, SAME_STEP)
+        }
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave compiled code and threads behind; they are made anew."""
-        return {k: v for k, v in vars(self).items() if k not in ("_kernels", "_pool", "_pid")}
+        return {
+            k: v
+            for k, v in vars(self).items()
+            if k not in ("_kernels", "_step", "_pool", "_pid", "_held")
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the arrays and compile."""
@@ -135,6 +160,7 @@ class Cars:
             return
         self._nominals = np.vstack([self._nominals, row])
         self.scenarios.append(scenario)
+        self._hold()
         self._which[cars] = len(self._nominals) - 1
 
     def scenario_of(self, car: int) -> Scenario:
@@ -198,25 +224,13 @@ class Cars:
         observations = np.empty((self.n, self.size), SHOWN)
         numbers = np.empty((4 + self.actions, self.n), FLOAT)
         ends = np.empty((2, self.n), BOOL)
-        rest = (
-            self._slabs,
-            self._quiet,
-            self._streams,
-            self._nominals,
-            self._which,
-            self._scratch,
-            (*self._sizes, mode),
-            self._fractions,
-            actions,
-            observations,
-            numbers,
-            ends,
-            self.finals,
-            self.restarted,
-        )
+        settings = self._settings[mode]
         if self._threads == 1 or self._blocks == 1:
-            code, finished, begun = self._kernels.step(0, 0, self._blocks, *rest)
+            code, finished, begun = self._step(
+                0, 0, self._blocks, self._held, settings, actions, observations, numbers, ends
+            )
         else:
+            rest = (self._held, settings, actions, observations, numbers, ends)
             code, finished, begun = self._step_on_threads(rest, actions, mode)
         if code:
             self._refuse(code, actions)
@@ -235,10 +249,10 @@ class Cars:
         workers = min(self._threads, self._blocks)
         edges = [self._blocks * i // workers for i in range(workers + 1)]
         jobs = [
-            self._pool.submit(self._kernels.step, i, edges[i], edges[i + 1], *rest)
+            self._pool.submit(self._step, i, edges[i], edges[i + 1], *rest)
             for i in range(1, workers)
         ]
-        results = [self._kernels.step(0, 0, edges[1], *rest), *(job.result() for job in jobs)]
+        results = [self._step(0, 0, edges[1], *rest), *(job.result() for job in jobs)]
         return 0, sum(each[1] for each in results), sum(each[2] for each in results)
 
     def _refuse(self, code: int, actions: NDArray[np.float32]) -> None:

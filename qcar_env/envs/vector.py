@@ -13,7 +13,14 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from qcar_env.envs import cars as batch, task
-from qcar_env.physics.engine_sampled import FIRST_FORCE, REWARD_TRAVEL, REWARD_X1, REWARD_X2
+from qcar_env.physics.engine_sampled import (
+    FIRST_FORCE,
+    FORCES,
+    REWARD,
+    REWARD_TRAVEL,
+    REWARD_X1,
+    REWARD_X2,
+)
 from qcar_env.physics.validation import finite, known, positive
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 
@@ -110,6 +117,8 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self._shape = (self.num_envs, self._cars.actions)
         self._mode = MODES[self.autoreset_mode]
         self._started = False
+        self._every = np.ones(self.num_envs, batch.BOOL)  # the mask of what all cars have
+        self._every.flags.writeable = False
 
     @property
     def states(self) -> NDArray[np.float64]:
@@ -117,9 +126,17 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         return self._cars.states
 
     @property
-    def scenarios(self) -> tuple[Scenario, ...]:
-        """The scenario of each car, before any randomisation."""
-        return tuple(self._cars.scenario_of(i) for i in range(self.num_envs))
+    def force_limits(self) -> NDArray[np.float64]:
+        """Forces that action 1 makes in the cars' episodes, shape (n, m) [m/s^2] or [N]."""
+        return self._cars.row(FORCES, self._cars.actions).T
+
+    def scenario_of(self, car: int) -> Scenario:
+        """Return the scenario from which a car draws its episodes."""
+        return self._cars.scenario_of(car)
+
+    def force_scale_of(self, car: int) -> float:
+        """Return the factor on a car's force limit [-]."""
+        return self._given[car][1]
 
     @property
     def dt(self) -> float:
@@ -158,8 +175,9 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         for key in options:
             known("reset option", key, (*task.RESET_OPTIONS, "reset_mask"))
         chosen = np.flatnonzero(mask)
-        if "scenario" in options or "force_scale" in options:
-            self._reassign(chosen, options)
+        changes = {name: options[name] for name in ("scenario", "force_scale") if name in options}
+        if changes:
+            self.assign(chosen, **changes)
         given = self._starts(chosen, options)
         self._seed(chosen, seed)
         observations = self._cars.reset(mask, given)
@@ -209,27 +227,26 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         if given.shape != self._shape or not self._started:
             self._refuse(given)
         found = self._cars.step(given, self._mode)
-        rewards, x1, x2, travel = found.numbers[:FIRST_FORCE]
-        terminations, truncations = found.ends
-        every = np.ones(self.num_envs, batch.BOOL)
+        observations, numbers, ends, _, begun = found
+        every = self._every
         info: dict[str, Any] = {
-            "force": found.numbers[FIRST_FORCE:].T,
+            "force": numbers[FIRST_FORCE:].T,
             "_force": every,
-            "reward_x1": x1,
+            "reward_x1": numbers[REWARD_X1],
             "_reward_x1": every,
-            "reward_x2": x2,
+            "reward_x2": numbers[REWARD_X2],
             "_reward_x2": every,
-            "reward_travel": travel,
+            "reward_travel": numbers[REWARD_TRAVEL],
             "_reward_travel": every,
         }
-        if found.begun:
-            info = self._after_restarts(info, found)
-        return found.observations, rewards, terminations, truncations, info
+        if begun:
+            info = self._after_restarts(info)
+        return observations, numbers[REWARD], ends[0], ends[1], info
 
     def close_extras(self, **kwargs: Any) -> None:
         """Hold nothing that needs closing."""
 
-    def _after_restarts(self, info: dict[str, Any], found: batch.Interval) -> dict[str, Any]:
+    def _after_restarts(self, info: dict[str, Any]) -> dict[str, Any]:
         """Separate what is said of the cars that have begun again from the others."""
         fresh = self._cars.restarted.copy()
         self._cars.restarted[:] = False
@@ -238,7 +255,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             "force": info["force"] * stay[:, np.newaxis],
             "_force": np.ones_like(stay),
         }
-        for name in TERMS:
+        for name in TERMS if stay.any() else ():
             begun[name] = np.where(stay, info[name], 0.0)
             begun[f"_{name}"] = stay.copy()
         begun["phase"] = np.where(fresh, self._cars.phases, 0.0)
@@ -313,23 +330,34 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             )
         return list(value)
 
-    def _reassign(self, chosen: NDArray[np.intp], options: dict[str, Any]) -> None:
+    def assign(self, chosen: Sequence[int] | NDArray[np.intp], **options: Any) -> None:
+        """Let cars draw their next episodes from another `scenario` or with another `force_scale`.
+
+        Parameters
+        ----------
+        chosen : sequence of int
+            Indices of the cars.
+        **options
+            `scenario`, `force_scale`: one value or one for each car of the batch.
+
+        Raises
+        ------
+        ValueError
+            If a value is out of range, or the scenario has another control interval or actuator.
+        """
         given = list(self._given)
         if "scenario" in options:
             each = self._each("scenario", options["scenario"], (str, Scenario))
-            found = {id(value): find_scenario(value) for value in each}
             for i in chosen:
-                given[i] = (found[id(each[i])], given[i][1])
+                given[i] = (find_scenario(each[i]), given[i][1])
         if "force_scale" in options:
             scales = self._each("force_scale", options["force_scale"], (int, float))
             for i in chosen:
                 given[i] = (given[i][0], positive("force_scale", scales[i]))
-        groups: dict[tuple[str, int, float], list[int]] = {}
+        groups: dict[tuple[Scenario, float], list[int]] = {}
         for i in chosen:
-            own, scale = given[i]
-            groups.setdefault((own.name, id(own), scale), []).append(int(i))
-        for members in groups.values():
-            own, scale = given[members[0]]
+            groups.setdefault(given[i], []).append(int(i))
+        for (own, scale), members in groups.items():
             self._cars.assign(np.array(members), configured(own, scale, self._duration), own)
         self._given = given
 

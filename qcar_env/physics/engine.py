@@ -210,6 +210,20 @@ def store_world(slab: Any, stride: Any, row: Any, lane: Any, world: Any) -> None
     store(slab, stride, row + 2, lane, world.force)
 
 
+def _array_at(typingctx: Any, address: Any, like: Any) -> Any:
+    """Return a pointer to numbers of the kind `like` at an address in memory."""
+    pointer = types.CPointer(like.dtype if hasattr(like, "dtype") else like)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.inttoptr(args[0], context.get_value_type(signature.return_type))
+
+    return pointer(types.int64, like), codegen
+
+
+pointer_at: Any = intrinsic(_array_at)
+carray: Any = numba.carray  # pyright: ignore[reportPrivateImportUsage]
+
+
 def aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:
     """Return zeros that begin on a boundary of 64 bytes: a vector then lies in one cache line."""
     kind = np.dtype(dtype)

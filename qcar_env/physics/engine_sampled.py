@@ -24,12 +24,14 @@ from qcar_env.physics.dynamics import Coefficients
 from qcar_env.physics.engine import (
     LANES,
     NEVER,
+    carray,
     compiled,
     compiled_apart,
     kernel,
     load,
     load_wide,
     load_world,
+    pointer_at,
     source_stamp,
     store,
     store_world,
@@ -37,7 +39,7 @@ from qcar_env.physics.engine import (
 from qcar_env.physics.engine_random import uniform
 from qcar_env.physics.forcing import Amplitudes, World
 from qcar_env.physics.motion import Plant, angle, interval, substep
-from qcar_env.physics.rk4 import step_fractions
+from qcar_env.physics.rk4 import Step, step_fractions
 from qcar_env.physics.roads import Phasor, RoadPieces, kink_time
 from qcar_env.physics.state import State
 
@@ -68,6 +70,7 @@ ENTRIES = 4  # what is observed
 NUMBERS = 13  # reward, its terms x1, x2, travel
 ENDS = 17  # terminated, truncated
 SCRATCH = 19
+SCRATCH_SIZE = (SCRATCH + CAR) * LANES  # and behind them the states before a crossing of kinks
 
 # What `numbers` has a row for; the forces follow.
 REWARD, REWARD_X1, REWARD_X2, REWARD_TRAVEL, FIRST_FORCE = range(5)
@@ -284,19 +287,19 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
 
     Notes
     -----
-    ``step(worker, first_block, end_block, slabs, quiet, streams, nominals, which, scratch, sizes,
-    fractions, actions, observations, numbers, ends, finals, restarted)`` advances the cars of
-    some blocks by one control interval:
+    ``step(worker, first_block, end_block, held, settings, actions, observations, numbers, ends)``
+    advances the cars of some blocks by one control interval:
 
-    - slabs (blocks, ROWS * LANES), quiet (blocks,): the cars, and for how many intervals no car of
-      a block can meet a kink; streams (n, 4): random numbers; nominals (k, fields) and which (n,):
-      scenarios, and which one each car draws its episodes from;
-    - scratch (workers, ...): memory of this worker; sizes: ``(dt, substeps, mode)`` with `mode` one
-      of `DISABLED`, `NEXT_STEP`, `SAME_STEP`; fractions: the `Step`;
-    - actions (n, m) float32; observations (n, size) float32, numbers (4 + m, n) and ends (2, n),
-      which are written: reward, its terms and the forces, and terminated and truncated;
-    - finals (n, size) and restarted (n,): last observations of the cars that were over and begun
-      again within this step, and which cars have begun again (never cleared here).
+    - held: addresses in memory, as numba takes longer to unpack an argument than to step a car:
+      slabs (blocks, ROWS * LANES); quiet (blocks,) of int64, for how many intervals no car of a
+      block can meet a kink; streams (n, 4), random numbers; nominals (k, fields) and which (n,) of
+      int64, scenarios, and which one each car draws its episodes from; scratch (workers,
+      SCRATCH_SIZE); finals (n, size) of float32 and restarted (n,) of bool, the last observations
+      of the cars that were over and begun again within this step, and which cars have begun again
+      (never cleared here); and at last the number k;
+    - settings: dt, substeps, mode (`DISABLED`, `NEXT_STEP` or `SAME_STEP`), and the `Step`;
+    - actions (n, m) of float32; observations (n, size) of float32, numbers (4 + m, n) and ends
+      (2, n) of bool, which are written: reward, its terms, the forces; terminated, truncated.
 
     It returns ``(code, finished, begun)``: 0, -1 if an action is not a finite number or -2 if the
     episode of a car is over and the mode is `DISABLED` (no car has moved then, unless the blocks
@@ -315,6 +318,7 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
     real = np.float32 if single else np.float64
     UNIT, ONE, NONE, BOUND = real(1.0), real(1.0), real(0.0), real(limit)
     Scales, Nominal = task.Scales, task.Nominal
+    NOMINAL = len(Nominal._fields)
     assert len(Scales._fields) == LIMITS - SCALES
     for each in (
         task.ratio,
@@ -416,24 +420,27 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
         worker: Any,
         first_block: Any,
         end_block: Any,
-        slabs: Any,
-        quiet: Any,
-        streams: Any,
-        nominals: Any,
-        which: Any,
-        scratch: Any,
-        sizes: Any,
-        fractions: Any,
+        held: Any,
+        settings: Any,
         acts: Any,
         observations: Any,
         numbers: Any,
         ends: Any,
-        finals: Any,
-        restarted: Any,
     ) -> Any:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        dt, substeps, mode = sizes
         n = observations.shape[0]
+        slabs = carray(pointer_at(held[0], real(0)), (end_block, ROWS * LANES))
+        quiet = carray(pointer_at(held[1], np.int64(0)), (end_block,))
+        streams = carray(pointer_at(held[2], np.uint64(0)), (n, 4))
+        nominals = carray(pointer_at(held[3], 0.0), (held[8], NOMINAL))
+        which = carray(pointer_at(held[4], np.int64(0)), (n,))
+        s = carray(pointer_at(held[5], real(0)), (worker + 1, SCRATCH_SIZE))[worker]
+        finals = carray(pointer_at(held[6], np.float32(0)), (n, size))
+        restarted = carray(pointer_at(held[7], np.bool_(0)), (n,))
+        dt = settings[0]
+        substeps, mode = np.int64(settings[1]), np.int64(settings[2])
+        fractions = Step(real(settings[3]), real(settings[4]), real(settings[5]), real(settings[6]))
+        saved = s[SCRATCH * LANES :]
         seen_flat = observations.reshape(observations.size)
         acts_flat = acts.reshape(acts.size)
         wrong = 0
@@ -443,8 +450,6 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
             return -1, 0, 0
         finished = 0
         begun = 0
-        s = scratch[worker]
-        saved = s[SCRATCH * LANES :]
         for block in range(first_block, end_block):
             z = slabs[block]
             base = block * LANES
