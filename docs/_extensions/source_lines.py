@@ -8,8 +8,9 @@ from typing import Any
 from sphinx.application import Sphinx
 
 _SOURCE = re.compile(r"(<pre>)(.*?)(</pre>)", re.DOTALL)
-# Lines that Sphinx puts between those of the source, around what the reference describes.
-_ADDED = re.compile(r'<div class="viewcode-block"|<a class="viewcode-back"|</div>')
+# Lines that Sphinx puts between those of the source, around what the reference describes; an
+# empty one follows the end of each.
+_ADDED = re.compile(r'<div class="viewcode-block"|<a class="viewcode-back"')
 
 
 def number_lines(
@@ -23,8 +24,11 @@ def number_lines(
 def _number(found: re.Match[str]) -> str:
     numbered: list[str] = []
     number = 0
+    before = "</div>"  # the page begins with an empty line, too
     for line in found[2].split("\n"):
-        if _ADDED.match(line):
+        added = _ADDED.match(line) or (before.endswith("</div>") and not line)
+        before = line
+        if added:
             numbered.append(line)
         else:
             number += 1
