@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -14,15 +14,27 @@ from numpy.typing import NDArray
 
 from qcar_env.envs import cars as batch, task
 from qcar_env.physics.engine_sampled import (
+    AMPLITUDES,
+    ELAPSED,
     FIRST_FORCE,
     FORCES,
+    OMEGA,
+    PIECES,
+    PLANT,
     REWARD,
     REWARD_TRAVEL,
     REWARD_X1,
     REWARD_X2,
+    ROWS,
+    START,
 )
+from qcar_env.physics.external_force import ExternalForce
+from qcar_env.physics.state import State
 from qcar_env.physics.validation import finite, known, positive
 from qcar_env.scenarios import Scenario, scenario as find_scenario
+
+if TYPE_CHECKING:
+    from qcar_env.envs.rendering import Painter, Picture
 
 TERMS = {"reward_x1": REWARD_X1, "reward_x2": REWARD_X2, "reward_travel": REWARD_TRAVEL}
 MODES = {
@@ -54,8 +66,11 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         episode then departs from the exact one by about 1e-4 of the amplitudes.
     threads : int
         Threads that share the cars. More than one pays above some thousand cars.
-    render_mode : None
-        A batch is not drawn; draw a single environment.
+    render_mode : {"rgb_array"}, optional
+        `render` returns the frames of the cars in `render_cars`, as `RecordVideo` of
+        `gymnasium.wrappers.vector` takes them.
+    render_cars : sequence of int
+        Indices of the cars that are drawn; `captions` has a name and a colour for each.
 
     Raises
     ------
@@ -70,7 +85,11 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     them, as in Gymnasium's own vector environments; `final_obs` and `final_info` likewise.
     """
 
-    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata = {  # noqa: RUF012 - Gymnasium's interface
+        "render_modes": ["rgb_array"],
+        "render_fps": 200,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(
         self,
@@ -84,13 +103,11 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         precision: str = "double",
         threads: int = 1,
-        render_mode: None = None,
+        render_mode: str | None = None,
+        render_cars: Sequence[int] = (0,),
     ) -> None:
         if render_mode is not None:
-            raise ValueError(
-                f"render_mode must be None for a batch of cars, got {render_mode!r}; "
-                "render a single environment"
-            )
+            known("render mode", render_mode, self.metadata["render_modes"])
         known("observe", observe, task.OBSERVE)
         known("precision", precision, PRECISIONS)
         self.autoreset_mode = _mode(autoreset_mode)
@@ -119,6 +136,11 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self._started = False
         self._every = np.ones(self.num_envs, batch.BOOL)  # the mask of what all cars have
         self._every.flags.writeable = False
+        self.render_mode = render_mode
+        self._render_cars = [self._known_car(car) for car in render_cars]
+        self.captions = [(f"car {car}", "#0072B2") for car in self._render_cars]
+        self._actions = np.zeros(self._shape, batch.SHOWN)
+        self._painters: list[Painter] = []
 
     @property
     def states(self) -> NDArray[np.float64]:
@@ -182,6 +204,8 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self._seed(chosen, seed)
         observations = self._cars.reset(mask, given)
         self._started = True
+        if self.render_mode is not None:
+            self._actions = np.where(mask[:, np.newaxis], batch.SHOWN.type(0.0), self._actions)
         info: dict[str, Any] = {
             "force": np.zeros(self._shape),
             "_force": mask.copy(),
@@ -227,6 +251,8 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         if given.shape != self._shape or not self._started:
             self._refuse(given)
         found = self._cars.step(given, self._mode)
+        if self.render_mode is not None:
+            self._actions = given.clip(-1.0, 1.0)
         observations, numbers, ends, _, begun = found
         every = self._every
         info: dict[str, Any] = {
@@ -242,6 +268,75 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         if begun:
             info = self._after_restarts(info)
         return observations, numbers[REWARD], ends[0], ends[1], info
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """Return the frames (480, 640, 3) of the cars in `render_cars`.
+
+        Raises
+        ------
+        ResetNeeded
+            Before the first reset.
+        DependencyNotInstalled
+            If pygame is absent.
+        """
+        if self.render_mode is None:
+            gym.logger.warn("nothing to render: make the environment with render_mode='rgb_array'")
+            return None
+        if not self._started:
+            raise gym.error.ResetNeeded("no episode yet; call reset before render")
+        pictures = [
+            self._picture(car, *caption)
+            for car, caption in zip(self._render_cars, self.captions, strict=True)
+        ]
+        if not self._painters:
+            from qcar_env.envs.rendering import Painter
+
+            self._painters = [Painter() for _ in pictures]
+        return tuple(
+            painter.draw(picture) for painter, picture in zip(self._painters, pictures, strict=True)
+        )
+
+    def _picture(self, car: int, name: str, colour: str) -> Picture:
+        try:
+            from qcar_env.envs.rendering import Picture
+        except ImportError as error:
+            raise gym.error.DependencyNotInstalled(
+                "rendering needs pygame; pip install 'qcar_env[render]'"
+            ) from error
+        nominal = self._cars.scenario_of(car)
+        row = self._cars.row(0, ROWS)[:, car].tolist()
+        h, _, f = row[AMPLITUDES : AMPLITUDES + 3]
+        omega = row[PIECES + 1]
+        limit = tuple(row[FORCES : FORCES + self._cars.actions])
+        elapsed = row[ELAPSED] * self.dt
+        return Picture(
+            name=name,
+            colour=colour,
+            nominal=nominal,
+            episode=dataclasses.replace(
+                nominal,
+                road=dataclasses.replace(nominal.road, h=h, omega=omega),
+                force=ExternalForce(f=f, Omega=row[OMEGA]),
+                actuator=dataclasses.replace(nominal.actuator, limit=limit),
+                randomisation=None,
+            ),
+            time=row[START] + elapsed,
+            elapsed=elapsed,
+            state=State(*row[PLANT : PLANT + 4]),
+            action=tuple(self._actions[car].tolist()),
+        )
+
+    def _known_car(self, car: int) -> int:
+        if not 0 <= car < self.num_envs:
+            raise ValueError(
+                f"a rendered car must be one of 0 to {self.num_envs - 1}, got {car}; "
+                "give indices of the batch"
+            )
+        return int(car)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave the painters behind; they are made anew."""
+        return {**vars(self), "_painters": []}
 
     def close_extras(self, **kwargs: Any) -> None:
         """Hold nothing that needs closing."""

@@ -252,3 +252,48 @@ def test_absent_pygame_is_named_with_the_remedy(monkeypatch):
     env.reset(seed=0)
     with pytest.raises(gym.error.DependencyNotInstalled, match=r"qcar_env\[render\]"):
         env.render()
+
+
+@pytest.mark.parametrize("name", ["paper-randomised", "mathworks-train"])
+def test_chosen_cars_of_a_batch_look_as_they_would_alone(name):
+    batch = gym.make_vec(
+        "QuarterCarHump-v0",
+        num_envs=3,
+        scenario=name,
+        render_mode="rgb_array",
+        render_cars=(2, 0),
+    )
+    batch.reset(seed=5)
+    alone = QuarterCarHumpEnv(name, render_mode="rgb_array")
+    alone.caption = ("car 2", "#0072B2")
+    alone.reset(seed=7)  # car i of a batch seeded with s is a single environment seeded with s + i
+    rng = np.random.default_rng(0)
+    for _ in range(40):
+        actions = rng.uniform(-1.0, 1.0, batch.action_space.shape).astype(np.float32)
+        batch.step(actions)
+        alone.step(actions[2])
+    frames = batch.render()
+    assert len(frames) == 2
+    expected = alone.render()
+    # The roads agree to rounding, so an edge of the picture may differ by a shade.
+    assert np.abs(frames[0].astype(int) - expected).mean() < 0.01
+    assert np.any(frames[1] != frames[0])
+
+
+def test_record_video_of_a_batch(tmp_path):
+    batch = gym.make_vec(
+        "QuarterCarHump-v0", num_envs=2, render_mode="rgb_array", render_cars=(0, 1), duration=0.05
+    )
+    batch = gym.wrappers.vector.RecordVideo(
+        batch, str(tmp_path / "film"), video_aspect_ratio=(2, 1), fps=25
+    )
+    batch.reset(seed=0)
+    for _ in range(12):
+        batch.step(batch.action_space.sample())
+    batch.close()
+    assert list((tmp_path / "film").glob("*.mp4"))
+
+
+def test_a_car_that_is_not_in_the_batch_cannot_be_drawn():
+    with pytest.raises(ValueError, match="one of 0 to 3, got 4"):
+        gym.make_vec("QuarterCarHump-v0", num_envs=4, render_mode="rgb_array", render_cars=(4,))
