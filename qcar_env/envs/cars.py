@@ -96,9 +96,20 @@ class Cars:
         self._kernels = engine_sampled.kernels(
             functions, self._entries, self._with_limit, self.actions, self._single
         )
-        self._step = self._kernels.step
         self._pid = os.getpid()
         self._hold()
+        self._step = engine.direct(
+            self._kernels.step,
+            0,
+            0,
+            1,
+            self._held,
+            self._settings[NEXT_STEP],
+            np.empty((1, self.actions), SHOWN),
+            np.empty((1, self.size), SHOWN),
+            np.empty((4 + self.actions, 1), FLOAT),
+            np.empty((2, 1), BOOL),
+        )
 
     def _hold(self) -> None:
         """Note where the arrays lie, for the kernel."""

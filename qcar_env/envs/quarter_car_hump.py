@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.envs import task
-from qcar_env.physics import engine_sampled
+from qcar_env.physics import engine, engine_sampled
 from qcar_env.physics.state import State
 from qcar_env.physics.validation import finite, known, positive
 from qcar_env.scenarios import Scenario, scenario as find_scenario, vary
@@ -131,15 +131,14 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._base = self._configured(self._named, self._force_scale)
         self._take(self._base)
         self._episode: task.Factors | None = None
-        self._steps = 0
-        self._done = True
         high = task.OBSERVATION_LIMIT
         shape = (task.observation_size(observe, self._observe_limit),)
         self.observation_space = gym.spaces.Box(-high, high, shape, np.float32)
         self.action_space = gym.spaces.Box(-1.0, 1.0, (self._base.actuator.size,), np.float32)
         self._shape = shape
         self._action_shape = (self._base.actuator.size,)
-        self._car = np.zeros(engine_sampled.ROWS)
+        self._car = np.zeros(engine_sampled.ONE_CAR)
+        self._car[engine_sampled.DONE] = 1.0
         self._compile()
 
     def _compile(self) -> None:
@@ -151,7 +150,14 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._base.actuator.size,
             False,
         )
-        self._begin, self._advance = kernels.reset_one, kernels.step_one
+        self._begin = kernels.reset_one
+        self._advance = engine.direct(
+            kernels.step_one,
+            self._car,
+            np.empty(self._action_shape, SHOWN),
+            np.empty(self._shape, SHOWN),
+            np.empty(self._action_shape),
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave compiled code and the window behind; they are made anew."""
@@ -190,6 +196,11 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._base.dt
 
     @property
+    def _elapsed(self) -> int:
+        """Control intervals since the episode began."""
+        return int(self._car[engine_sampled.ELAPSED])
+
+    @property
     def state(self) -> State:
         """State of the plant in SI units."""
         self._check_running("state")
@@ -199,7 +210,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def time(self) -> float:
         """Time on the road [s], which begins at the drawn phase."""
         self._check_running("time")
-        return float(self._car[engine_sampled.START]) + self._steps * self._base.dt
+        return float(self._car[engine_sampled.START]) + self._elapsed * self._base.dt
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -241,12 +252,11 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if base is not self._base:
             self._base = base
             self._take(base)
+        self._car[engine_sampled.DT :] = base.dt, base.substeps
         draws = self.np_random.random(task.DRAWS)
         observation = np.empty(self._shape, SHOWN)
         self._begin(self._car, draws, tuple(given), np.array(self._numbers), observation)
         self._episode = task.draw_factors(draws.tolist(), self._numbers)
-        self._steps = 0
-        self._done = False
         self._action = np.zeros(self._action_shape, SHOWN)
         if self.render_mode == "human":
             self.render()
@@ -276,10 +286,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         ValueError
             If the action has the wrong shape or is not a number, or the episode is over.
         """
-        if self._done:
-            self._check_running("step")
-            raise ValueError("the episode is over; call reset before the next step")
-        a = np.asarray(action, SHOWN)
+        a = np.asarray(action, SHOWN, "C")
         if a.shape != self._action_shape:
             raise ValueError(
                 f"action must have shape {self._action_shape}, got {a.shape}; "
@@ -288,18 +295,21 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         observation = np.empty(self._shape, SHOWN)
         force = np.empty(self._action_shape)
         code, reward, x1, x2, travel, terminated, truncated = self._advance(
-            self._car, a, observation, force, self._dt, self._substeps
+            self._car, a, observation, force
         )
         if code:
-            raise ValueError(f"action must be finite, got {a}; allowed range is [-1, 1]")
-        self._steps += 1
+            self._refuse(a)
         self._action = a
-        if terminated or truncated:
-            self._done = True
         if self.render_mode == "human":
             self.render()
         info = {"force": force, "reward_x1": x1, "reward_x2": x2, "reward_travel": travel}
         return observation, reward, terminated, truncated, info
+
+    def _refuse(self, action: NDArray[np.float32]) -> None:
+        self._check_running("step")
+        if self._car[engine_sampled.DONE]:
+            raise ValueError("the episode is over; call reset before the next step")
+        raise ValueError(f"action must be finite, got {action}; allowed range is [-1, 1]")
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a frame (480, 640, 3) in the mode "rgb_array"; show it in the mode "human".
@@ -345,7 +355,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             nominal=self._base,
             episode=self.episode,
             time=self.time,
-            elapsed=self._steps * self._base.dt,
+            elapsed=self._elapsed * self._base.dt,
             state=self.state,
             action=tuple(np.clip(self._action, -1.0, 1.0).tolist()),
         )

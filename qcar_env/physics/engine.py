@@ -131,6 +131,15 @@ def kernel(function: Any) -> Any:
     return numba.njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")(function)
 
 
+def direct(kernel: Any, *examples: Any) -> Any:
+    """Return the machine code of a kernel for arguments like `examples`.
+
+    Called through it, a kernel starts in half the time: nothing looks at its arguments. The caller
+    must make sure that they have the examples' types, and that arrays are contiguous.
+    """
+    return kernel.compile(tuple(numba.typeof(each) for each in examples))
+
+
 def _load(typingctx: Any, slab: Any, stride: Any, row: Any, lane: Any, kind: Any) -> Any:
     """Return quantities `row`, `row` + 1, ... of car `lane` as a `kind`, a NamedTuple class."""
     size = len(kind.instance_class._fields)

@@ -63,6 +63,11 @@ KINK = 50  # index of the road's next kink [-]
 NEXT = 51  # time of the road's next kink [s]
 ROWS = 52
 
+# What a single car has behind them.
+DT = ROWS  # control interval [s]
+SUBSTEPS = ROWS + 1  # integration steps in it [-]
+ONE_CAR = ROWS + 2
+
 # Rows of what is passed on within an interval.
 FORCE = 0  # u1, u2 held [m/s^2]
 ACTION = 2  # the two actions within [-1, 1]
@@ -349,13 +354,14 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
         show(car, 1, 0, observation, observe, bounded, Scales, entries, with_limit, limit)
 
     @kernel
-    def step_one(
-        car: Any, action: Any, observation: Any, force: Any, dt: Any, substeps: Any
-    ) -> Any:
+    def step_one(car: Any, action: Any, observation: Any, force: Any) -> Any:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        if car[DONE] > 0.0:
+            return -2, 0.0, 0.0, 0.0, 0.0, False, False
         first, last = np.float64(action[0]), np.float64(action[actions - 1])
         if not (abs(first) <= HIGHEST and abs(last) <= HIGHEST):
             return -1, 0.0, 0.0, 0.0, 0.0, False, False
+        dt, substeps = car[DT], int(car[SUBSTEPS])
         first, last = bounded(first, 1.0), bounded(last, 1.0)
         limits = load(car, 1, LIMITS, 0, Limits)
         u1, u2 = limits.u1 * first, limits.u2 * last
