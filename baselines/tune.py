@@ -162,7 +162,7 @@ def tune(
     population : int
         Candidates in a generation.
     crossings : int, optional
-        Training crossings: by default 1, and 12 where the scenario varies.
+        Training crossings: by default 1, and 8 where the scenario varies.
     command : str
         Command line that is stored with the gains.
 
@@ -178,7 +178,7 @@ def tune(
     search = SEARCHES[known("baseline to tune", baseline, SEARCHES)]
     whole("population", population, least=5)
     varies = track.nominal.randomisation is not None
-    count = crossings or (12 if varies else 1)
+    count = crossings or (8 if varies else 1)
     nominal = track.at(force_scale)
     training = episodes(track, "training", force_scale=force_scale, count=count)
     cars = Crossings([_on_optimum(each) for each in training])
@@ -257,7 +257,7 @@ def _batch_rho(cars: Crossings, act: Callable[[Array, Array], Array], candidates
     x = wide.start_states
     peak = np.zeros((candidates * n, 2))
     for k in range(steps):
-        world = wide.world(k)
+        world = wide.worlds(k, 1)[0]
         seen = wide.observation(x, world).astype(np.float64)
         x = wide.step(x, act(seen, x), world)
         np.clip(x, -1e6, 1e6, out=x)  # a diverging candidate stays a number

@@ -28,6 +28,8 @@ from qcar_env.physics.validation import known, positive, whole
 
 Array = NDArray[np.float64]
 
+CHUNK = 1000  # intervals for which phasors are computed at once
+
 
 @dataclass(frozen=True, kw_only=True)
 class BatchRollout:
@@ -108,6 +110,12 @@ class Crossings:
         self._Omega = np.array([e.scenario.force.Omega for e in episodes])
         self._start = np.array([e.start for e in begun])
         self._scales = task.Scales(*np.array([e.scales for e in begun]).T)
+        # The observation is the state and the phasors times constants: those of ones.
+        one = np.ones(len(episodes))
+        entries = task.observe(
+            State(one, one, one, one), World(Phasor(one, one), Phasor(one, one)), self._scales
+        )
+        self._unit = np.array(np.broadcast_arrays(*entries)).T[:, self._shown]
         self.start_states = np.array([e.state for e in episodes])  # (n, 4)
 
     def repeated(self, times: int) -> Crossings:
@@ -119,25 +127,44 @@ class Crossings:
         wide._omega, wide._Omega = np.tile(self._omega, times), np.tile(self._Omega, times)
         wide._start = np.tile(self._start, times)
         wide._scales = task.Scales(*(np.tile(each, times) for each in self._scales))
+        wide._unit = np.tile(self._unit, (times, 1))
         wide.start_states = np.tile(self.start_states, (times, 1))
         return wide
 
-    def world(self, k: int) -> World:
-        """Return the phasors of road and force at the beginning of interval `k`, arrays (n,)."""
-        t = self._start + k * self.dt
+    def worlds(self, first: int, count: int) -> Array:
+        """Return the phasors of road and force at the beginning of some intervals.
+
+        Parameters
+        ----------
+        first, count : int
+            The first interval, and how many.
+
+        Returns
+        -------
+        ndarray (count, n, 4)
+            Sine and cosine of the road's angle, sine and cosine of the force's.
+        """
+        t = self._start + self.dt * np.arange(first, first + count)[:, np.newaxis]
         road, force = self._omega * t, self._Omega * t
-        return World(Phasor(np.sin(road), np.cos(road)), Phasor(np.sin(force), np.cos(force)))
+        return np.stack([np.sin(road), np.cos(road), np.sin(force), np.cos(force)], axis=2)
 
-    def observation(self, x: Array, world: World) -> NDArray[np.float32]:
-        """Return what a policy is shown of states `x` (n, 4), shape (n, entries)."""
-        entries = task.observe(State(*x.T), world, self._scales)
-        shown = np.array(np.broadcast_arrays(*(entries[i] for i in self._shown))).T
+    def observation(self, x: Array, world: Array) -> NDArray[np.float32]:
+        """Return what a policy is shown of states `x` (n, 4) and a row of `worlds` (n, 4).
+
+        Returns
+        -------
+        ndarray (n, entries)
+        """
+        # In the observation's order: road's sine and cosine, force's cosine and sine, one.
+        one = np.ones((len(x), 1))
+        everything = np.concatenate([x, world[:, :2], world[:, 3:1:-1], one], axis=1)
+        shown = everything[:, self._shown] * self._unit
         high = task.OBSERVATION_LIMIT
-        return np.clip(shown, -high, high).astype(np.float32)
+        return np.minimum(np.maximum(shown, -high), high).astype(np.float32)
 
-    def step(self, x: Array, action: Array, world: World) -> Array:
+    def step(self, x: Array, action: Array, world: Array) -> Array:
         """Return the states after an interval under `action` (n, m), within [-1, 1]."""
-        z = np.concatenate([x, action, np.array([*world.road, *world.force]).T], axis=1)
+        z = np.concatenate([x, action, world], axis=1)
         return np.matmul(self._maps, z[:, :, np.newaxis])[:, :, 0]
 
     def left(self, x: Array) -> NDArray[np.bool_]:
@@ -191,10 +218,13 @@ def batch_rollout(
     x = cars.start_states
     gone = np.zeros(n, dtype=bool)
     memory: Any = None
+    worlds = np.empty((0, n, 4))
     begins = np.ones(n, dtype=bool)
     never = np.zeros(n, dtype=bool)
     for k in range(steps):
-        world = cars.world(k)
+        if k % CHUNK == 0:
+            worlds = cars.worlds(k, min(CHUNK, steps - k))
+        world = worlds[k % CHUNK]
         given, memory = policy.predict(
             cars.observation(x, world), state=memory, episode_start=begins, deterministic=True
         )
@@ -205,13 +235,14 @@ def batch_rollout(
                 f"action must have shape {(n, cars.actions)}, got {action.shape}; "
                 f"return one number for each of {cars.actions} actuator(s) and {n} car(s)"
             )
-        if not np.all(np.isfinite(action)):
+        if not np.isfinite(action).all():
             raise ValueError(
                 f"action must be finite, got {action[~np.isfinite(action).all(axis=1)][0]} "
                 f"{k * cars.dt:g} s after the start; allowed range is [-1, 1]"
             )
-        action = np.clip(action, -1.0, 1.0)
-        x = np.where(gone[:, np.newaxis], x, cars.step(x, action, world))
+        action = np.minimum(np.maximum(action, -1.0), 1.0)
+        following = cars.step(x, action, world)
+        x = np.where(gone[:, np.newaxis], x, following) if gone.any() else following
         gone |= cars.left(x)
         states[k] = x
         force[k] = action * cars.limits
