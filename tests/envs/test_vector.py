@@ -1,0 +1,328 @@
+"""The vector environment: the same episodes as single ones, bit for bit, in every mode."""
+
+import multiprocessing
+import pickle
+import threading
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers.vector import RecordEpisodeStatistics
+
+from qcar_env import SCENARIOS
+from qcar_env.envs import task
+from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
+from qcar_env.envs.vector import QuarterCarHumpVectorEnv
+from qcar_env.physics import motion
+from qcar_env.physics.state import State
+
+SHORT = 0.6  # [s] episodes of the tests: 120 intervals, several of them in a test
+
+
+def actions_for(env, rng):
+    return rng.uniform(-1.1, 1.1, env.action_space.shape).astype(np.float32)  # some saturate
+
+
+def assert_same(a, b, where=""):
+    """Assert that two results are equal to the last bit, with types, masks and keys."""
+    assert type(a) is type(b), where
+    if isinstance(a, dict):
+        assert sorted(a) == sorted(b), where
+        for key in a:
+            assert_same(a[key], b[key], f"{where}.{key}")
+    elif a.dtype == object:
+        for x, y in zip(a, b, strict=True):
+            assert (x is None) == (y is None), where
+            assert x is None or np.array_equal(x, y), where
+    else:
+        assert a.dtype == b.dtype, where
+        assert np.array_equal(a, b), where
+        assert a.shape == b.shape, where
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "NextStep"])
+@pytest.mark.parametrize("name", list(SCENARIOS))
+def test_equals_single_environments_bit_for_bit(name, mode):
+    n = 66  # more than a block
+    arguments = {"scenario": name, "duration": SHORT, "observe_limit": name == "paper-randomised"}
+    native = QuarterCarHumpVectorEnv(n, **arguments, autoreset_mode=mode)
+    single = SyncVectorEnv(
+        [lambda: QuarterCarHumpEnv(**arguments)] * n, autoreset_mode=AutoresetMode(mode)
+    )
+    for a, b in zip(native.reset(seed=7), single.reset(seed=7), strict=True):
+        assert_same(a, b)
+    rng = np.random.default_rng(0)
+    for k in range(280):
+        action = actions_for(native, rng)
+        for i, (a, b) in enumerate(zip(native.step(action), single.step(action), strict=True)):
+            assert_same(a, b, f"step {k}, result {i}")
+
+
+@pytest.mark.parametrize("name", ["paper", "paper-randomised", "mathworks-train"])
+def test_equals_the_plain_python_source_bit_for_bit(name):
+    """A thousand steps of the compiled engine against the same functions, not compiled."""
+    env = QuarterCarHumpVectorEnv(3, name, duration=1.5, autoreset_mode="SameStep")
+    base = env.scenario_of(0)
+    nominal = task.nominal_numbers(base)
+    generators = [np.random.Generator(np.random.PCG64(5 + i)) for i in range(3)]
+
+    def start(i):
+        draws = generators[i].random(task.DRAWS).tolist()
+        x, phase = task.draw_motion(draws, nominal)
+        e = task.begin(x, phase, task.draw_factors(draws, nominal), nominal)
+        return {"e": e, "x": e.x, "world": e.world, "kink": e.kink, "k": 0}
+
+    def seen(car):
+        entries = task.observe(car["x"], car["world"], car["e"].scales)[: task.FULL_SIZE]
+        return np.array([task.bounded(each, task.OBSERVATION_LIMIT) for each in entries], "f4")
+
+    observation, _ = env.reset(seed=5)
+    cars = [start(i) for i in range(3)]
+    rng = np.random.default_rng(1)
+    for _ in range(1000):
+        assert np.array_equal(observation, [seen(car) for car in cars])
+        action = actions_for(env, rng)
+        observation, reward, terminated, truncated, _ = env.step(action)
+        for i, car in enumerate(cars):
+            e = car["e"]
+            a = [task.bounded(float(value), 1.0) for value in action[i]]
+            car["x"], car["world"], car["kink"] = motion.interval(
+                car["x"],
+                car["world"],
+                car["kink"],
+                e.start + car["k"] * base.dt,
+                base.dt,
+                base.substeps,
+                e.limits.u1 * a[0],
+                e.limits.u2 * a[-1],
+                e.plant,
+            )
+            car["k"] += 1
+            cost1, cost2 = task.costs(car["x"], e.scales)
+            out = task.out_of_travel(car["x"], e.scales)
+            assert reward[i] == -cost1 - cost2 + (-task.penalty(e.scales) if out else 0.0)
+            assert terminated[i] == out
+            assert truncated[i] == (car["k"] >= base.steps and not out)
+            if terminated[i] or truncated[i]:
+                cars[i] = start(i)
+
+
+def test_disabled_mode_waits_for_a_reset_of_the_cars_that_are_over():
+    env = QuarterCarHumpVectorEnv(3, duration=0.05, autoreset_mode="Disabled")
+    env.reset(seed=0)
+    action = np.zeros((3, 2), np.float32)
+    for _ in range(10):
+        observation, _, _, truncated, info = env.step(action)
+    assert truncated.all()
+    assert "final_obs" not in info
+    before = env.states
+    with pytest.raises(ValueError, match=r"3 car\(s\) are over .* No car has moved"):
+        env.step(action)
+    assert np.array_equal(env.states, before)
+    again, info = env.reset(options={"reset_mask": np.array([True, False, True])})
+    assert np.array_equal(again[1], observation[1])
+    assert not np.array_equal(again[0], observation[0])
+    assert info["_phase"].tolist() == [True, False, True]
+    env.reset(options={"reset_mask": np.array([False, True, False])})
+    env.step(action)
+
+
+def test_gymnasium_makes_it():
+    env = gym.make_vec("qcar_env:QuarterCarHump-v0", num_envs=5, scenario="paper-hump")
+    assert isinstance(env.unwrapped, QuarterCarHumpVectorEnv)
+    assert env.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
+    observation, _ = env.reset(seed=1)
+    assert env.observation_space.contains(observation)
+    assert env.spec.id == "QuarterCarHump-v0"
+
+
+def test_works_with_gymnasiums_vector_wrappers():
+    env = RecordEpisodeStatistics(QuarterCarHumpVectorEnv(4, duration=0.1))
+    env.reset(seed=0)
+    total = np.zeros(4)
+    for _ in range(20):
+        _, reward, _, _, info = env.step(np.zeros((4, 2), np.float32))
+        total += reward
+    assert info["episode"]["l"].tolist() == [20] * 4
+    np.testing.assert_allclose(info["episode"]["r"], total)
+
+
+def test_seeds():
+    env = QuarterCarHumpVectorEnv(4)
+    first, _ = env.reset(seed=3)
+    later, _ = env.reset()
+    again, _ = env.reset(seed=3)
+    assert np.array_equal(first, again)
+    assert not np.array_equal(first, later)
+    moved, _ = env.reset(seed=4)
+    assert np.array_equal(moved[:3], first[1:])  # car i gets seed + i
+    listed, _ = env.reset(seed=[6, 5, 4, 3])
+    assert np.array_equal(listed[::-1], first)
+    fresh = [QuarterCarHumpVectorEnv(1).reset()[0] for _ in range(2)]
+    assert not np.array_equal(*fresh)
+
+
+def test_options_for_each_car():
+    env = QuarterCarHumpVectorEnv(3, autoreset_mode="SameStep")
+    states = np.array([[0.1, 0.2, 3.0, 4.0], [0.0, 0.0, 0.0, 0.0], [0.3, 0.1, -1.0, 0.0]])
+    env.reset(seed=0, options={"state": states, "phase": [0.1, 0.2, 0.3]})
+    assert np.array_equal(env.states, states)
+    _, info = env.reset(options={"phase": 0.5, "state": states[0]})
+    assert info["phase"].tolist() == [0.5] * 3
+    env.reset(options={"force_scale": [1.0, 0.5, 0.25]})
+    np.testing.assert_allclose(env.force_limits[:, 0], [280.0, 140.0, 70.0])
+    names = ["paper", "paper-hump", "paper-step"]
+    env.reset(options={"scenario": names})
+    assert [env.scenario_of(i).name for i in range(3)] == names
+    mixed, _ = env.reset(seed=9)
+    alone = QuarterCarHumpEnv("paper-step", force_scale=0.25)
+    assert np.array_equal(mixed[2], alone.reset(seed=11)[0])
+
+
+def test_each_car_can_have_its_own_scenario():
+    names = list(SCENARIOS)[:4]
+    env = QuarterCarHumpVectorEnv(4, observe_limit=True)
+    single = [QuarterCarHumpEnv(name, observe_limit=True) for name in names]
+    observation, _ = env.reset(seed=3, options={"scenario": names})
+    expected = [each.reset(seed=3 + i)[0] for i, each in enumerate(single)]
+    rng = np.random.default_rng(0)
+    for _ in range(150):
+        assert np.array_equal(observation, expected)
+        action = (0.3 * actions_for(env, rng)).astype(np.float32)
+        observation = env.step(action)[0]
+        expected = [each.step(action[i])[0] for i, each in enumerate(single)]
+
+
+def test_a_wrong_action_moves_no_car():
+    env = QuarterCarHumpVectorEnv(130)
+    env.reset(seed=0)
+    before = env.states
+    action = np.zeros((130, 2), np.float32)
+    action[77, 1] = np.nan
+    with pytest.raises(ValueError, match=r"actions must be finite, got \[ 0. nan\] for car 77"):
+        env.step(action)
+    with pytest.raises(ValueError, match=r"actions must have shape \(130, 2\), got \(2, 130\)"):
+        env.step(np.zeros((2, 130), np.float32))
+    assert np.array_equal(env.states, before)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "message"),
+    [
+        ({"num_envs": 0}, {}, "num_envs must be at least 1, got 0"),
+        ({"autoreset_mode": "Never"}, {}, "unknown autoreset_mode 'Never'"),
+        ({"precision": "half"}, {}, "unknown precision 'half'"),
+        ({"threads": 0}, {}, "threads must be at least 1"),
+        ({"scenario": "papper"}, {}, "unknown scenario 'papper'"),
+        ({}, {"state": np.zeros((2, 4))}, r"state must have shape \(4,\) or \(3, 4\)"),
+        ({}, {"phase": [0.0, 1.0]}, "phase must be one value or 3 of them, got 2"),
+        ({}, {"force_scale": [1.0, 1.0, -1.0]}, "force_scale must be positive"),
+        ({}, {"scenario": "mathworks-hump"}, "make a new environment"),
+        ({}, {"speed": 3}, "unknown reset option 'speed'"),
+        ({}, {"reset_mask": np.zeros(3, bool)}, "reset_mask must be an array"),
+    ],
+)
+def test_bad_input_is_refused(arguments, options, message):
+    with pytest.raises(ValueError, match=message):
+        QuarterCarHumpVectorEnv(**{"num_envs": 3, **arguments}).reset(options=options)
+
+
+def test_a_step_before_reset_is_refused():
+    with pytest.raises(gym.error.ResetNeeded, match="call reset before step"):
+        QuarterCarHumpVectorEnv(1).step(np.zeros((1, 2), np.float32))
+
+
+def test_returned_arrays_are_the_callers_own():
+    env = QuarterCarHumpVectorEnv(3)
+    env.reset(seed=0)
+    action = np.full((3, 2), 0.2, np.float32)
+    *kept, info = env.step(action)
+    kept += [info["force"], info["reward_x1"]]
+    copies = [each.copy() for each in kept]
+    for _ in range(5):
+        env.step(action)
+    for each, copy in zip(kept, copies, strict=True):
+        assert np.array_equal(each, copy)
+
+
+def trajectory(env, seed, steps=150):
+    env.reset(seed=seed)
+    rng = np.random.default_rng(seed)
+    return np.array([env.step(actions_for(env, rng))[0] for _ in range(steps)])
+
+
+def test_threads_share_the_cars_and_change_no_bit():
+    one = trajectory(QuarterCarHumpVectorEnv(300, duration=SHORT), 1)
+    two = trajectory(QuarterCarHumpVectorEnv(300, duration=SHORT, threads=2), 1)
+    assert np.array_equal(one, two)
+
+
+def test_environments_in_two_threads_do_not_share_state():
+    expected = [trajectory(QuarterCarHumpVectorEnv(70), seed) for seed in (1, 2)]
+    found = [None, None]
+
+    def run(i):
+        found[i] = trajectory(QuarterCarHumpVectorEnv(70), i + 1)
+
+    threads = [threading.Thread(target=run, args=(i,)) for i in range(2)]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    assert all(np.array_equal(a, b) for a, b in zip(expected, found, strict=True))
+
+
+def test_a_pickled_environment_goes_on_where_it_was():
+    env = QuarterCarHumpVectorEnv(5, duration=SHORT)
+    trajectory(env, 1)
+    copy = pickle.loads(pickle.dumps(env))
+    action = np.full((5, 2), 0.3, np.float32)
+    for _ in range(200):
+        assert np.array_equal(env.step(action)[0], copy.step(action)[0])
+    single = QuarterCarHumpEnv()
+    single.reset(seed=0)
+    twin = pickle.loads(pickle.dumps(single))
+    assert np.array_equal(single.step(action[0])[0], twin.step(action[0])[0])
+
+
+def in_a_process(queue):
+    queue.put(trajectory(QuarterCarHumpVectorEnv(5, threads=2), 3, steps=20))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["spawn", "forkserver"])
+def test_another_process_has_the_same_episodes(method):
+    context = multiprocessing.get_context(method)
+    queue = context.Queue()
+    process = context.Process(target=in_a_process, args=(queue,))
+    process.start()
+    found = queue.get(timeout=120)
+    process.join()
+    assert np.array_equal(found, trajectory(QuarterCarHumpVectorEnv(5), 3, steps=20))
+
+
+def test_single_precision_stays_close():
+    start = {"state": np.array([0.1, 0.1, 2.0, 1.0]), "phase": 0.3}
+    results = []
+    for precision in ("double", "single"):
+        env = QuarterCarHumpVectorEnv(3, precision=precision)
+        env.reset(seed=0, options=start)
+        rng = np.random.default_rng(0)
+        results.append([env.step(0.5 * actions_for(env, rng))[0] for _ in range(999)])
+    double, single = np.array(results)
+    assert np.abs(double - single).max() < 5e-4  # of the amplitudes: 4000 steps of 6e-8 each
+    assert not np.array_equal(double, single)
+
+
+def test_a_car_takes_less_than_a_kilobyte():
+    env = QuarterCarHumpVectorEnv(4096)
+    assert env._cars.nbytes / 4096 < 1000
+
+
+def test_states_are_those_of_the_plant():
+    env = QuarterCarHumpVectorEnv(2)
+    env.reset(seed=0, options={"state": [0.1, 0.2, 0.3, 0.4]})
+    single = QuarterCarHumpEnv()
+    single.reset(seed=0, options={"state": [0.1, 0.2, 0.3, 0.4]})
+    assert State(*env.states[0]) == single.state
