@@ -36,6 +36,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import solve_ivp
 
 from qcar_env.analysis.forced_car import ForcedCar, ForcedCars, Gains, stack
 from qcar_env.analysis.hardening import Hardening
@@ -250,8 +251,6 @@ def slow_motion(
     ValueError
         If the integration does not reach the end; the message says at which time.
     """
-    from scipy.integrate import solve_ivp
-
     times = np.asarray(t, dtype=float)
     flow = SlowFlow(cars=stack([car]), form=form)
 

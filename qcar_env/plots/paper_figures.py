@@ -161,12 +161,12 @@ def parameter_effects(effects: Effects, panels: Mapping[str, Sequence[Curve]]) -
             )  # fmt: skip
         ax.set_title(f"({chr(ord('A') + index)})", loc="left")
         ax.legend(
-            title=axis_label(name), loc="lower center", ncols=len(curves), columnspacing=0.6,
+            title=axis_label(name), loc="upper center", ncols=len(curves), columnspacing=0.6,
             handlelength=0.7, handletextpad=0.3, borderaxespad=0.1, title_fontsize=7.0,
             fontsize=6.5,
         )  # fmt: skip
         ax.set_xlabel(axis_label(effects.against))
-        ax.set_ylim(0.0, 1.06 * tallest)
+        ax.set_ylim(0.0, 1.5 * tallest)  # room for the legend above the curves
         if index % columns == 0:
             ax.set_ylabel(axis_label(effects.amplitude))
     for ax in flat[len(panels) :]:

@@ -247,6 +247,20 @@ def test_perturbed_motions_of_the_paper_return_as_labelled(paper, law):
     np.testing.assert_allclose([steady.x1, steady.x2], motion.peaks[:2], rtol=1e-3)
 
 
+def test_a_hopf_point_is_found_where_a_pair_crosses(paper):
+    """Without control and with a one-sided coupling E3 the plant itself becomes unstable."""
+    curve = response(paper, "E3", 0.5, 600.0)
+    assert curve.complete
+    (hopf,) = curve.bifurcations
+    assert hopf.kind == "Hopf"
+    # the averaged plant is linear: the crossing is that of its 2 x 2 complex matrix
+    point = fixed_points(stack([paper.vary("E3", hopf.value)]))
+    pair = point.eigenvalues[0, :2]
+    assert np.abs(pair.real).max() < 1e-7
+    assert abs(pair[0].imag) > 0.5
+    np.testing.assert_array_equal(curve.stable, curve.values < hopf.value)
+
+
 def test_bad_input(paper):
     with pytest.raises(ValueError, match=r"unknown parameter 'sigma_1'; did you mean 'sigma1'"):
         response(paper, "sigma_1", -1.0, 1.0)
