@@ -482,6 +482,8 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
                         saved[i] = z[i]
                 else:
                     quiet[block] = quiet_intervals(z, lanes, dt)
+            if single and int(z[ELAPSED * LANES]) % RESEED == 0:
+                reseed(z, lanes, dt)
             for _ in range(substeps):
                 for j in range(lanes):
                     u = load(s, LANES, FORCE, j, Limits)
