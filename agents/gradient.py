@@ -8,6 +8,7 @@ motion that the policy itself makes, and a share of them begins anew.
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,12 @@ from agents import crossing
 from agents.networks import LawNet
 from agents.recipes import GradientSettings, Recipe
 from agents.trainer import Hook, annealed
-from agents.training_env import space, training_plants
+from agents.training_env import (
+    generator_state,
+    set_generator_state,
+    space,
+    training_plants,
+)
 from qcar_env.envs import task
 
 RESTART = 0.1  # share of the cars that begin anew after each horizon
@@ -47,11 +53,15 @@ class GradientTrainer:
         self._nominal = recipe.track.nominal
         self._pool = training_plants(recipe.track, recipe.force_scales, seed)
         self._net = LawNet(
-            space(recipe.track.observe, recipe.observe_limit), recipe.features, recipe.hidden, 2
+            space(recipe.track.observe, recipe.observe_limit),
+            recipe.features,
+            recipe.hidden,
+            2,
+            limits=recipe.force_scales,
         )
         with torch.no_grad():
             start = float(np.arcsinh(recipe.velocity_gain))
-            self._net.gains[0, 2] = self._net.gains[1, 3] = -start
+            self._net.gains[:, 0, 2] = self._net.gains[:, 1, 3] = -start
         self._adam = torch.optim.Adam(self._net.parameters(), lr=settings.learning_rate[0])
         self._index = self._rng.integers(len(self._pool), size=recipe.cars)
         self._z = torch.zeros(recipe.cars, crossing.SIZE)
@@ -77,32 +87,25 @@ class GradientTrainer:
 
     def snapshot(self) -> dict[str, Any]:
         """Return network, optimiser, cars and generators."""
-        state = self._rng.bit_generator.state
         return {
-            "net": self._net.state_dict(),
-            "optimiser": self._adam.state_dict(),
-            "z": self._z,
-            "index": torch.as_tensor(self._index),
+            "net": copy.deepcopy(self._net.state_dict()),
+            "optimiser": copy.deepcopy(self._adam.state_dict()),
+            "z": self._z.clone(),
+            "index": torch.tensor(self._index),
             "steps": self._done,
             "torch_generator": torch.get_rng_state(),
-            "generator": [str(state["state"][key]) for key in ("state", "inc")],
-            "cached": [int(state["has_uint32"]), int(state["uinteger"])],
+            "generator": generator_state(self._rng),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Go on from a snapshot."""
         self._net.load_state_dict(snapshot["net"])
         self._adam.load_state_dict(snapshot["optimiser"])
-        self._z = snapshot["z"]
-        self._index = snapshot["index"].numpy()
+        self._z = snapshot["z"].clone()
+        self._index = snapshot["index"].numpy().copy()
         self._done = snapshot["steps"]
         torch.set_rng_state(snapshot["torch_generator"])
-        state = self._rng.bit_generator.state
-        state["state"] = dict(
-            zip(("state", "inc"), (int(word) for word in snapshot["generator"]), strict=True)
-        )
-        state["has_uint32"], state["uinteger"] = snapshot["cached"]
-        self._rng.bit_generator.state = state
+        set_generator_state(self._rng, snapshot["generator"])
 
     def _iterate(self) -> None:
         settings, recipe = self._settings, self.recipe

@@ -195,12 +195,15 @@ class LawNet(nn.Module):
         Widths of its layers; empty for a linear law.
     actions : int
         Number of actuators.
+    limits : tuple of float
+        Force limits [-] at which the law has gains of its own; between them the parameters are
+        interpolated (gain scheduling). One limit: the law does not see it.
 
     Notes
     -----
-    Linear in ``x`` and, where the limit is seen, in ``x / limit``. The gains are ``sinh`` of the
-    parameters, so that one search step of order one covers gains from below 1 to 1000. With gains
-    that high the sum is made in double precision, or its rounding would show in the action.
+    The gains are ``sinh`` of the parameters, so that one search step of order one covers gains
+    from below 1 to 1000. With gains that high the sum is made in double precision, or its rounding
+    would show in the action.
     """
 
     def __init__(
@@ -209,12 +212,17 @@ class LawNet(nn.Module):
         features: FeatureMap,
         hidden: tuple[int, ...],
         actions: int,
+        limits: tuple[float, ...] = (1.0,),
     ) -> None:
         super().__init__()
         size = observation_space.shape[0]  # type: ignore[index]
-        self.has_limit = size in (task.FEEDBACK_SIZE + 1, task.FULL_SIZE + 1)
-        inputs = 2 * (size - 1) if self.has_limit else size
-        self.gains = nn.Parameter(torch.zeros(actions, inputs))
+        self.scheduled = len(limits) > 1
+        self.inputs = size - 1 if self.scheduled else size
+        self.gains = nn.Parameter(torch.zeros(len(limits), actions, self.inputs))
+        nodes = torch.tensor(sorted(limits), dtype=torch.float32)
+        self.register_buffer("nodes", nodes)
+        self.register_buffer("rising", torch.cat([torch.tensor([1.0]), nodes.diff()]))
+        self.register_buffer("falling", torch.cat([nodes.diff(), torch.tensor([1.0])]))
         self.features: Features | None = None
         self.bend: nn.Module | None = None
         if hidden:
@@ -226,10 +234,16 @@ class LawNet(nn.Module):
 
     def command(self, observation: Tensor) -> Tensor:
         """Return the action before it is clipped, shape (n, m)."""
-        x = observation
-        if self.has_limit:
-            x = torch.cat([x[:, :-1], x[:, :-1] / x[:, -1:]], dim=1)
-        u = (x.double() @ torch.sinh(self.gains).double().T).to(x.dtype)
+        x = observation[:, : self.inputs].double()
+        if self.scheduled:
+            share = self._shares(observation[:, -1:]).double()
+            count, actions, inputs = self.gains.shape
+            between = share @ self.gains.reshape(count, -1).double()
+            gains = 0.5 * (torch.exp(between) - torch.exp(-between))  # sinh; ONNX has it in float32
+            u = torch.sum(gains.reshape(-1, actions, inputs) * x[:, None, :], dim=2)
+        else:
+            u = x @ torch.sinh(self.gains[0].double()).T
+        u = u.to(observation.dtype)
         if self.bend is not None and self.features is not None:
             u = u + self.bend(self.features(observation))
         return u
@@ -237,6 +251,13 @@ class LawNet(nn.Module):
     def forward(self, observation: Tensor) -> Tensor:
         """Return the action, shape (n, m), of raw observations (n, k)."""
         return torch.clamp(self.command(observation), -1.0, 1.0)
+
+    def _shares(self, limit: Tensor) -> Tensor:
+        """Return each node's share at a force limit (n, 1): hat functions, constant outside."""
+        held = torch.clamp(limit, self.nodes[0], self.nodes[-1])  # type: ignore[index]
+        up = 1.0 + (held - self.nodes) / self.rising  # type: ignore[operator]
+        down = 1.0 - (held - self.nodes) / self.falling  # type: ignore[operator]
+        return torch.clamp(torch.minimum(up, down), 0.0, 1.0)
 
 
 class Deterministic(nn.Module):

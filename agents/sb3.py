@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import copy
 import math
 from typing import Any
 
@@ -22,7 +24,7 @@ from agents.networks import (
 )
 from agents.recipes import OffPolicySettings, PPOSettings, Recipe
 from agents.trainer import Hook, annealed
-from agents.training_env import CrossingVecEnv
+from agents.training_env import CrossingVecEnv, generator_state, set_generator_state
 
 BUFFER_ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
@@ -68,34 +70,36 @@ class SB3Trainer:
         left = self.recipe.steps - self.steps
         if left <= 0:
             return
-        self.model.learn(
-            left, callback=_Between(hook, self.recipe), reset_num_timesteps=self.steps == 0
-        )
+        with contextlib.suppress(_Stop):
+            self.model.learn(
+                left, callback=_Between(hook, self.recipe), reset_num_timesteps=self.steps == 0
+            )
 
     def snapshot(self) -> dict[str, Any]:
         """Return networks, optimisers, cars, generators and, off policy, the replay buffer."""
         model = self.model
         found: dict[str, Any] = {
-            "policy": model.policy.state_dict(),
-            "optimisers": [each.state_dict() for each in _optimisers(model)],
+            "policy": copy.deepcopy(model.policy.state_dict()),
+            "optimisers": [copy.deepcopy(each.state_dict()) for each in _optimisers(model)],
             "steps": self.steps,
             "updates": int(model._n_updates),
-            "last_observation": torch.as_tensor(np.asarray(model._last_obs)),
-            "last_starts": torch.as_tensor(np.asarray(model._last_episode_starts)),
+            "last_observation": torch.tensor(model._last_obs),
+            "last_starts": torch.tensor(model._last_episode_starts),
             "env": self.env.snapshot(),
             "torch_generator": torch.get_rng_state(),
             "numpy_generator": _numpy_state(),
+            "action_generator": generator_state(model.action_space.np_random),
         }
         if isinstance(model, (SAC, TD3)):
             buffer = model.replay_buffer
             assert buffer is not None
             end = buffer.buffer_size if buffer.full else buffer.pos
             found["buffer"] = {
-                name: torch.as_tensor(getattr(buffer, name)[:end]) for name in BUFFER_ARRAYS
+                name: torch.tensor(getattr(buffer, name)[:end]) for name in BUFFER_ARRAYS
             }
             found["buffer_at"] = [int(buffer.pos), int(buffer.full)]
             if isinstance(model, SAC) and model.log_ent_coef is not None:
-                found["log_ent_coef"] = model.log_ent_coef.detach()
+                found["log_ent_coef"] = model.log_ent_coef.detach().clone()
         return found
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -106,8 +110,8 @@ class SB3Trainer:
             each.load_state_dict(state)
         model.num_timesteps = snapshot["steps"]
         model._n_updates = snapshot["updates"]
-        model._last_obs = snapshot["last_observation"].numpy()
-        model._last_episode_starts = snapshot["last_starts"].numpy()
+        model._last_obs = snapshot["last_observation"].numpy().copy()
+        model._last_episode_starts = snapshot["last_starts"].numpy().copy()
         self.env.restore(snapshot["env"])
         if isinstance(model, (SAC, TD3)):
             buffer = model.replay_buffer
@@ -121,6 +125,11 @@ class SB3Trainer:
                 model.log_ent_coef.data.copy_(snapshot["log_ent_coef"])
         torch.set_rng_state(snapshot["torch_generator"])
         _set_numpy_state(snapshot["numpy_generator"])
+        set_generator_state(model.action_space.np_random, snapshot["action_generator"])
+
+
+class _Stop(Exception):  # noqa: N818 - not an error
+    """Ends SB3's loop between two iterations, where all is whole; its own way is a step later."""
 
 
 class _Between(BaseCallback):
@@ -130,15 +139,10 @@ class _Between(BaseCallback):
         super().__init__()
         self._hook = hook
         self._recipe = recipe
-        self._go_on = True
-
-    def _on_training_start(self) -> None:
-        if self.num_timesteps > 0:
-            # SB3 counts a resumed training from where it stopped.
-            self.model._total_timesteps = self._recipe.steps
 
     def _on_rollout_start(self) -> None:
-        self._go_on = self._hook()
+        if not self._hook():
+            raise _Stop
         settings = self._recipe.settings
         if isinstance(settings, PPOSettings):
             first, last = (math.log(value) for value in settings.std)
@@ -148,7 +152,7 @@ class _Between(BaseCallback):
                 policy.log_std.fill_(annealed((first, last), progress))
 
     def _on_step(self) -> bool:
-        return self._go_on
+        return True
 
 
 def _model(

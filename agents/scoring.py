@@ -41,12 +41,6 @@ class Score:
         """``max_i(a_i / A_i)`` of each crossing, shape (n,) [-]."""
         return np.max(self.relative, axis=1)
 
-    @property
-    def reductions(self) -> tuple[float, float]:
-        """Mean reductions of x1 and x2 [dB]."""
-        db = -20.0 * np.mean(np.log10(np.maximum(self.relative, 1e-12)), axis=0)
-        return float(db[0]), float(db[1])
-
 
 def score(
     policy: Policy,

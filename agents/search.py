@@ -1,8 +1,8 @@
 """Policy search by CMA-ES: whole crossings, no gradient, behind the interface of `agents.trainer`.
 
 Each candidate's gains drive their own cars from rest to true steady state; its value is the mean
-over the crossings of ``max_i(a_i / A_i)``, as the benchmark scores it, relative to the optimum
-where several force limits count. N. Hansen's ``cma`` does the search.
+over the crossings of ``max_i(a_i / A_i)``, as the benchmark scores it. N. Hansen's ``cma`` does the
+search.
 """
 
 from __future__ import annotations
@@ -15,24 +15,21 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import nn
-from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
-from agents import crossing, scoring
+from agents import crossing
 from agents.networks import LawNet
 from agents.recipes import Recipe, SearchSettings
 from agents.trainer import Hook
 from agents.training_env import space
-from qcar_env.envs import task
 from qcar_env.evaluation.tracks import episodes
 
 Array = NDArray[np.float64]
 WINDOW = 2.5  # [s] at the end of a crossing over which amplitudes are taken: 20 periods
-EASY = 0.01  # [-] rho below which limits count alike: there the force suffices
 GENERATIONS_A_HOOK = 5
 
 
 class SearchTrainer:
-    """Searches the gains of a linear law.
+    """Searches the gains of a linear law, one force limit after another.
 
     Parameters
     ----------
@@ -40,6 +37,11 @@ class SearchTrainer:
         Algorithm ``cma``.
     seed : int
         Of the search and of the crossings drawn.
+
+    Notes
+    -----
+    With several limits each has gains of its own (see `agents.networks.LawNet`): the search begins
+    at the largest limit, and each further one begins at the law found before it.
     """
 
     def __init__(self, recipe: Recipe, seed: int) -> None:
@@ -49,22 +51,23 @@ class SearchTrainer:
         torch.manual_seed(seed)
         self.recipe = recipe
         self._settings = settings
-        self._net = LawNet(
-            space(recipe.track.observe, recipe.observe_limit), recipe.features, (), 2
-        )
-        drawn = training_episodes(recipe, seed)
-        self._plants, self._z = crossing.of_track(drawn, recipe.track.nominal)
-        self._own = np.array([each.scenario.reference_amplitudes for each in drawn])
-        self._weight = np.array([1.0 / max(scoring.optimum(each.scenario), EASY) for each in drawn])
-        self._weight /= np.mean(self._weight)
-        if len(recipe.force_scales) == 1:
-            self._weight[:] = 1.0
-        self._per_generation = (
-            settings.population * len(drawn) * round(settings.crossing / self._plants.dt)
-        )
-        self._told: list[list[float]] = []
         self._seed = seed
-        self._search = self._new_search()
+        self._stages = sorted(recipe.force_scales, reverse=True)
+        self._net = LawNet(
+            space(recipe.track.observe, recipe.observe_limit),
+            recipe.features,
+            (),
+            2,
+            limits=recipe.force_scales,
+        )
+        with torch.no_grad():
+            self._net.gains[:, 0, 2] = self._net.gains[:, 1, 3] = -settings.velocity_gain
+        self._told: list[list[float]] = []
+        count = max(1, recipe.cars)
+        steps = round(settings.crossing / recipe.track.nominal.dt)
+        self._per_generation = settings.population * count * steps
+        self._generations = max(1, recipe.steps // (self._per_generation * len(self._stages)))
+        self._begin(0)
 
     @property
     def steps(self) -> int:
@@ -72,69 +75,81 @@ class SearchTrainer:
         return len(self._told) * self._per_generation
 
     def actor(self) -> nn.Module:
-        """Return the law at the search's mean, which is calmer than its best draw."""
-        mean: Any = self._search.result.xfavorite
-        vector_to_parameters(
-            torch.as_tensor(np.asarray(mean), dtype=torch.float32), self._net.parameters()
-        )
+        """Return the law at the search's own guess of the best, which is calmer than a draw."""
+        self._keep()
         return self._net
 
     def learn(self, hook: Hook) -> None:
         """Search (see `agents.trainer.Trainer`)."""
-        while self.steps < self.recipe.steps and not self._search.stop():
+        while len(self._told) < self._generations * len(self._stages):
             if len(self._told) % GENERATIONS_A_HOOK == 0 and not hook():
                 return
             candidates = self._search.ask()
-            values = self.evaluate(np.array(candidates)).tolist()
-            self._search.tell(candidates, values)
-            self._told.append(values)
+            self._tell(candidates, self.evaluate(np.array(candidates)).tolist())
         hook()
 
     def snapshot(self) -> dict[str, Any]:
         """Return the values told so far: with the seed they are the whole search."""
-        return {"told": torch.tensor(self._told, dtype=torch.float64), "seed": self._seed}
+        return {"told": torch.tensor(self._told, dtype=torch.float64)}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
         """Repeat the search up to a snapshot, without its crossings."""
-        self._seed = snapshot["seed"]
-        self._search = self._new_search()
-        self._told = []
         for values in snapshot["told"].tolist():
-            self._search.tell(self._search.ask(), values)
-            self._told.append(values)
+            self._tell(self._search.ask(), values)
 
     def evaluate(self, candidates: Array) -> Array:
         """Return the value of each candidate, shape (k,), of parameters (k, p)."""
         k, n = len(candidates), len(self._plants)
         gains = np.sinh(candidates).reshape(k, 2, -1)
-        recipe = self.recipe
-        size = task.observation_size(recipe.track.observe, False)
-        # Command as a row on z: observation O and gains K combine, so a step is two products.
-        O = self._plants.O[None, :, :, :size]  # noqa: E741  (1, n, 8, size)
-        K = np.swapaxes(gains, 1, 2)[:, None]  # (k, 1, inputs, 2)
-        if recipe.observe_limit:
-            K = K[:, :, :size] + K[:, :, size:] / self._plants.limit[None, :, None, None]
-        law = np.swapaxes(np.matmul(O, K), 0, 1).reshape(n, k, crossing.SIZE, 2)
-        Z, U = self._plants.Z, self._plants.U
+        size = gains.shape[2]
+        # The command is a row on z: observation and gains combine, so an interval is two products.
+        law = np.matmul(self._plants.O[:, None, :, :size], np.swapaxes(gains, 1, 2)[None])
+        joint = np.concatenate([self._plants.Z, self._plants.U], axis=1)  # (n, 10, 8)
         z = np.repeat(self._z[:, None, :], k, axis=1)  # (n, k, 8): cars with one map together
         steps = round(self._settings.crossing / self._plants.dt)
         window = math.ceil(WINDOW / self._plants.dt)
         peak = np.zeros((n, k, 2))
-        joint = np.concatenate([Z, U], axis=1)  # (n, 10, 8)
         for step in range(steps):
             a = np.clip(np.matmul(z[:, :, None, :], law)[:, :, 0], -1.0, 1.0)
             z = np.matmul(np.concatenate([z, a], axis=2), joint)
             if step >= steps - window:
                 np.maximum(peak, np.abs(z[:, :, :2]), out=peak)
-        relative = peak / self._own[:, None, :]
+        relative = peak / self._plants.own[:, None, :]
         value = relative.max(axis=2) + self._settings.least_weight * relative.min(axis=2)
-        return self._weight @ value / n
+        return value.mean(axis=0)
 
-    def _new_search(self) -> Any:
-        settings = self._settings
-        start = np.zeros(tuple(self._net.gains.shape))
-        start[0, 2] = start[1, 3] = -settings.velocity_gain
-        return cma.CMAEvolutionStrategy(
+    def _tell(self, candidates: Any, values: list[float]) -> None:
+        self._search.tell(candidates, values)
+        self._told.append(values)
+        stage, within = divmod(len(self._told), self._generations)
+        if within == 0 and stage < len(self._stages):
+            self._keep()
+            self._begin(stage)
+
+    def _node(self) -> int:
+        return sorted(self._stages).index(self._stages[self._stage])
+
+    def _keep(self) -> None:
+        """Write the law of the running stage into the policy, and into the stages to come."""
+        found: Any = self._search.result.xfavorite
+        law = torch.as_tensor(np.asarray(found), dtype=torch.float32)
+        with torch.no_grad():
+            for node in range(self._node() + 1):
+                self._net.gains[node] = law.reshape(self._net.gains.shape[1:])
+
+    def _begin(self, stage: int) -> None:
+        self._stage = stage
+        recipe, settings = self.recipe, self._settings
+        drawn = episodes(
+            recipe.track,
+            "training",
+            force_scale=self._stages[stage],
+            seed=self._seed,
+            count=recipe.cars,
+        )
+        self._plants, self._z = crossing.of_track(drawn, recipe.track.nominal)
+        start = self._net.gains[self._node()].detach().numpy().astype(np.float64)
+        self._search = cma.CMAEvolutionStrategy(
             start.ravel(),
             settings.sigma,
             {
@@ -144,18 +159,3 @@ class SearchTrainer:
                 "verbose": -9,
             },
         )
-
-    def parameters(self) -> Array:
-        """Return the parameters of the law so far."""
-        return parameters_to_vector(self._net.parameters()).detach().numpy().astype(np.float64)
-
-
-def training_episodes(recipe: Recipe, seed: int) -> list[Any]:
-    """Return the crossings of a search: the recipe's number, over all its force limits."""
-    scales = recipe.force_scales
-    count = max(1, recipe.cars // len(scales))
-    return [
-        each
-        for scale in scales
-        for each in episodes(recipe.track, "training", force_scale=scale, seed=seed, count=count)
-    ]

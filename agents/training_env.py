@@ -206,11 +206,9 @@ class CrossingVecEnv(VecEnv):
 
     def snapshot(self) -> dict[str, Any]:
         """Return all that moves, as tensors and plain values."""
-        state = self._rng.bit_generator.state
         return {
-            "arrays": {name: torch.as_tensor(getattr(self, name)) for name in self._moving},
-            "generator": [str(state["state"][key]) for key in ("state", "inc")],
-            "cached": [int(state["has_uint32"]), int(state["uinteger"])],
+            "arrays": {name: torch.tensor(getattr(self, name)) for name in self._moving},
+            "generator": generator_state(self._rng),
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -219,12 +217,7 @@ class CrossingVecEnv(VecEnv):
             setattr(self, name, values.numpy().copy())
         if not self._shared:
             self._cars = self._pool.pick(self._index)
-        state = self._rng.bit_generator.state
-        state["state"] = dict(
-            zip(("state", "inc"), (int(word) for word in snapshot["generator"]), strict=True)
-        )
-        state["has_uint32"], state["uinteger"] = snapshot["cached"]
-        self._rng.bit_generator.state = state
+        set_generator_state(self._rng, snapshot["generator"])
 
     def _begin(self, which: NDArray[np.int64]) -> None:
         state, phase = task.draw_start(self._rng, self._nominal, len(which))
@@ -251,6 +244,24 @@ def space(observe: task.Observe, observe_limit: bool) -> gym.spaces.Box:
     """Return the observation space, as the environment's."""
     high = task.OBSERVATION_LIMIT
     return gym.spaces.Box(-high, high, (task.observation_size(observe, observe_limit),), np.float32)
+
+
+def generator_state(rng: np.random.Generator) -> list[str]:
+    """Return the state of a PCG64 generator as plain text."""
+    state = rng.bit_generator.state
+    words = (*state["state"].values(), state["has_uint32"], state["uinteger"])
+    return [str(word) for word in words]
+
+
+def set_generator_state(rng: np.random.Generator, words: list[str]) -> None:
+    """Bring a PCG64 generator back to a state."""
+    state, inc, has_uint32, uinteger = (int(word) for word in words)
+    rng.bit_generator.state = {
+        "bit_generator": "PCG64",
+        "state": {"state": state, "inc": inc},
+        "has_uint32": has_uint32,
+        "uinteger": uinteger,
+    }
 
 
 def training_plants(track: Track, force_scales: Sequence[float], seed: int) -> Plants:

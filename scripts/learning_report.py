@@ -1,0 +1,234 @@
+"""Report how agents learn: amplitude against training time and steps, and what each seed reached.
+
+    python scripts/learning_report.py                     from the runs in runs/
+    python scripts/learning_report.py --train             train what is missing first, five seeds
+    python scripts/learning_report.py --recipes ppo-paper sac-paper --seeds 0 1 2
+
+Writes results/learning/: report.md, curves.csv, and a figure for each task, with CNVC, saturated
+velocity feedback and the optimum as lines. Bands and intervals span all seeds; rows state the
+median of the seeds on the track's held-out set, and 95 % bootstrap intervals of that median.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from agents import scoring
+from agents.load import OnnxPolicy
+from agents.recipes import ALGORITHM_TITLES, RECIPES, Recipe
+from agents.train import score_all, train
+from qcar_env.evaluation.storage import command, replacing, versions, write_csv, write_text
+from qcar_env.evaluation.tracks import episodes
+from qcar_env.physics.validation import known
+
+RUNS = Path("runs")
+OUT = Path("results/learning")
+RESAMPLES = 2000  # of the bootstrap
+GRID = 60  # points of a curve
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command; return its exit status."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--recipes", nargs="+", help="recipes to report (default: all with runs)")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4])
+    parser.add_argument("--train", action="store_true", help="train the runs that are missing")
+    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the run folders")
+    parser.add_argument("--out", type=Path, default=OUT, help="where the report goes")
+    args = parser.parse_args(argv)
+    try:
+        rows, curves = collect(args.recipes, args.seeds, args.runs, train_missing=args.train)
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    write_csv(args.out / "curves.csv", curves)
+    write_text(args.out / "report.md", report(rows))
+    for task in dict.fromkeys(row["task"] for row in rows):
+        _figure(task, [each for each in curves if each["task"] == task], args.out)
+    print(f"wrote {args.out}/report.md")
+    return 0
+
+
+def collect(
+    chosen: Sequence[str] | None, seeds: Sequence[int], runs: Path, *, train_missing: bool
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return the rows of the report and the points of its curves.
+
+    Raises
+    ------
+    ValueError
+        If a recipe is unknown, or there is nothing to report.
+    """
+    wanted = [known("recipe", name, RECIPES) for name in chosen or RECIPES]
+    rows: list[dict[str, Any]] = []
+    curves: list[dict[str, Any]] = []
+    for name in wanted:
+        recipe = RECIPES[name]
+        folders: list[Path] = []
+        for seed in seeds:
+            folder = runs / f"{name}-seed{seed}"
+            if not (folder / "result.json").exists() and train_missing and chosen:
+                print(f"training {name}, seed {seed}")
+                train(recipe, seed, folder, force=True)
+            if (folder / "result.json").exists():
+                folders.append(folder)
+        if folders:
+            rows += _rows(recipe, folders)
+            curves += _curves(recipe, folders)
+    if not rows:
+        raise ValueError(
+            f"no finished runs in {runs}; make some with scripts/train.py, or name --recipes "
+            "and give --train"
+        )
+    return rows, curves
+
+
+def interval(values: Sequence[float], rng: np.random.Generator) -> tuple[float, float]:
+    """Return the 95 % percentile bootstrap interval of the median of `values`."""
+    array = np.asarray(values, dtype=np.float64)
+    drawn = array[rng.integers(len(array), size=(RESAMPLES, len(array)))]
+    low, high = np.quantile(np.median(drawn, axis=1), (0.025, 0.975))
+    return float(low), float(high)
+
+
+def _rows(recipe: Recipe, folders: Sequence[Path]) -> list[dict[str, Any]]:
+    results = [json.loads((each / "result.json").read_text("utf-8")) for each in folders]
+    held_out = [score_all(OnnxPolicy(each), recipe, "held-out") for each in folders]
+    rng = np.random.default_rng(0)
+    rows = []
+    for scale in recipe.force_scales:
+        at = [each[f"{scale:g}"] for each in held_out]
+        rho = [each["rho"] for each in at]
+        low, high = interval(rho, rng)
+        drawn = episodes(recipe.track, "held-out", force_scale=scale)
+        rows.append(
+            {
+                "algorithm": recipe.algorithm,
+                "task": recipe.task,
+                "s": scale,
+                "seeds": len(folders),
+                "x1": float(np.median([each["x1"] for each in at])),
+                "x2": float(np.median([each["x2"] for each in at])),
+                "rho": float(np.median(rho)),
+                "low": low,
+                "high": high,
+                "optimum": at[0]["optimum"],
+                "cnvc": float(scoring.reference("cnvc", recipe.track, scale, drawn).rho.mean()),
+                "velocity": float(
+                    scoring.reference("velocity", recipe.track, scale, drawn).rho.mean()
+                ),
+                "steps": int(np.median([each["steps"] for each in results])),
+                "wall": float(np.median([each["wall_s"] for each in results])),
+                "cpu": float(np.median([each["cpu_s"] for each in results])),
+            }
+        )
+    return rows
+
+
+def _curves(recipe: Recipe, folders: Sequence[Path]) -> list[dict[str, Any]]:
+    points = []
+    for folder in folders:
+        with (folder / "progress.csv").open(newline="", encoding="utf-8") as file:
+            for row in csv.DictReader(file):
+                points.append(
+                    {
+                        "recipe": recipe.name,
+                        "task": recipe.task,
+                        "algorithm": recipe.algorithm,
+                        "run": folder.name,
+                        **{name: float(value) for name, value in row.items()},
+                    }
+                )
+    return points
+
+
+def report(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the report as Markdown."""
+    lines = [
+        "# How the agents learn",
+        "",
+        f"Made by `{command()}`",
+        "with " + ", ".join(f"{name} {version}" for name, version in versions().items()) + ".",
+        "",
+        "rho is max(a1/A1, a2/A2) in steady state on the held-out set, mean over its crossings;",
+        "x1 and x2 are the largest amplitudes [m]. Median over seeds; the interval is a 95 %",
+        "bootstrap of that median. Times are of training alone [s], on one thread.",
+        "",
+        "| task | s | algorithm | seeds | x1 | x2 | rho | interval | optimum | velocity | CNVC |"
+        " steps | wall | CPU |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for row in sorted(rows, key=lambda each: (each["task"], -each["s"], each["rho"])):
+        lines.append(
+            f"| {row['task']} | {row['s']:g} | {row['algorithm']} | {row['seeds']} "
+            f"| {row['x1']:.5f} | {row['x2']:.5f} | {row['rho']:.4f} "
+            f"| {row['low']:.4f} to {row['high']:.4f} | {row['optimum']:.4f} "
+            f"| {row['velocity']:.4f} | {row['cnvc']:.4f} "
+            f"| {row['steps']:,} | {row['wall']:.0f} | {row['cpu']:.0f} |"
+        )
+    present = dict.fromkeys(row["algorithm"] for row in rows)
+    lines += ["", *(f"- {name}: {ALGORITHM_TITLES[name]}" for name in present)]
+    lines += [
+        "- velocity: saturated linear velocity feedback with gain 100 1/s on both masses",
+        "- CNVC: the paper's law with its gain 1.2, saturated at the same limit",
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _figure(task: str, points: Sequence[dict[str, Any]], out: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib.figure import Figure
+
+    from qcar_env.plots.learning import COLOURS, learning_curve, reference_lines
+
+    figure = Figure(figsize=(9.0, 3.8), layout="constrained")
+    left, right = figure.subplots(1, 2, sharey=True)
+    for axes, across, label in (
+        (left, "cpu", "training time on the processor [s]"),
+        (right, "steps", "environment steps"),
+    ):
+        names = list(dict.fromkeys(each["recipe"] for each in points))
+        for name, colour in zip(names, COLOURS, strict=False):
+            runs: dict[str, list[tuple[float, float]]] = {}
+            for each in points:
+                if each["recipe"] == name:
+                    runs.setdefault(each["run"], []).append((each[across], each["rho"]))
+            shortest = min(run[-1][0] for run in runs.values())
+            at = np.linspace(0.0, shortest, GRID)
+            curves = [np.interp(at, *np.array(run).T) for run in runs.values()]
+            learning_curve(axes, at, curves, label=name, colour=colour)
+        recipe = RECIPES[names[0]]
+        scale = recipe.force_scales[0]
+        reference_lines(
+            axes,
+            {
+                "CNVC": float(scoring.reference("cnvc", recipe.track, scale).rho[0]),
+                "velocity": float(scoring.reference("velocity", recipe.track, scale).rho[0]),
+                "optimum": scoring.optimum(recipe.track.at(scale)),
+            },
+        )
+        axes.set_xlabel(label)
+    left.set_ylabel("rho, live evaluation [-]")
+    left.legend(fontsize="small")
+    figure.suptitle(f"{task}: median and range of the seeds")
+    with replacing(out / f"{task}.png") as path:
+        figure.savefig(path, dpi=150)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,76 @@
+"""Every shipped agent loads without torch, drives, and stays above what is possible."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("torch")
+pytest.importorskip("onnxruntime")
+
+from agents.load import PRETRAINED, load, names
+from agents.publish import FILES, LARGEST
+from agents.recipes import RECIPES
+from agents.scoring import run
+from qcar_env.evaluation.tracks import episodes
+
+# The bound holds for the largest displacement of all times; a score takes it at the samples of
+# 20 periods, of which 2 pi / (omega dt) = 22.8 lie in one: the largest sample lies at most
+# 1 - cos(omega dt / 2) = 0.9 % below the peak.
+SAMPLING = 0.0095
+
+
+def test_agents_are_shipped():
+    assert {"ppo-paper", "sac-paper"} <= set(names())
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_shipped_agent_scores_as_reported_and_above_the_optimum(name):
+    policy, recipe = load(name), RECIPES[name]
+    reported = json.loads((PRETRAINED / name / "result.json").read_text())
+    for scale in recipe.force_scales:
+        drawn = episodes(recipe.track, "held-out", force_scale=scale)
+        found = run(policy, recipe.track, drawn[:2], observe_limit=recipe.observe_limit)
+        for one, rho in zip(drawn[:2], found.rho, strict=True):
+            from agents.scoring import optimum
+
+            assert rho >= optimum(one.scenario) * (1.0 - SAMPLING)
+        at = reported["held_out"][f"{scale:g}"]
+        assert np.max(found.rho) <= at["rho_largest"] * 1.01 + 1e-4
+        uncontrolled = 0.95 if recipe.task == "budget" else 0.9
+        assert np.max(found.rho) < uncontrolled or scale <= 0.25
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_shipped_agent_is_small_safe_and_explains_itself(name):
+    folder = PRETRAINED / name
+    held = {each.name for each in folder.iterdir()}
+    assert held == {*FILES, "result.json"}
+    for each in folder.iterdir():
+        assert each.stat().st_size < LARGEST
+    result = json.loads((folder / "result.json").read_text())
+    assert result["shipped_seed"] in [each["seed"] for each in result["seeds"]]
+    best = min(
+        result["seeds"],
+        key=lambda run: np.mean([each["rho"] for each in run["validation"].values()]),
+    )
+    assert best["seed"] == result["shipped_seed"]
+
+
+def test_an_agent_loads_without_torch():
+    code = (
+        "import sys; sys.modules['torch'] = None; sys.modules['stable_baselines3'] = None\n"
+        "import numpy as np; from agents.load import load\n"
+        "print(load('ppo-paper').predict(np.zeros(8))[0].shape)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+        cwd=PRETRAINED.parent.parent,
+    )
+    assert done.stdout.strip() == "(2,)", done.stderr
