@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import importlib.util
 import multiprocessing
 import os
 import sys
@@ -73,6 +74,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parse(argv)
     try:
         whole("jobs", arguments.jobs)
+        if arguments.report:
+            _check_report()
         out: Path = arguments.out
         if (out / "result.json").exists() and not arguments.force:
             raise ValueError(f"{out} already holds results; give --force to replace them, or --out")
@@ -91,6 +94,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"benchmark: {error}", file=sys.stderr)
         return 2
     _write(out, outcome, tracks, seed=arguments.seed, figures=not arguments.no_figures)
+    if arguments.report:
+        print(f"report: {_write_report(out / 'report.html', outcome, tracks, arguments.seed)}")
     print(leaderboard(outcome, tracks, short=True))
     print(f"written to {out}: leaderboard.md, table.csv, result.json" + _parquet_note(out))
     for failure in outcome.failures:
@@ -223,6 +228,12 @@ def _table(outcome: Outcome, where: Track, scale: float) -> list[str]:
         f"| | *optimum* | | everything | {_rho(float(low))} | up to {_rho(float(high))} reached "
         "| | |",
     ]
+    held = [each.held for each in bound if each.held is not None]
+    if held:
+        lines.append(
+            f"| | *optimum at {1.0 / where.nominal.dt:g} Hz* | | everything | {_rho(max(held))} "
+            "| forces held over the control interval | | |"
+        )
     for number, each in enumerate(here, start=1):
         chance = each.improvement
         over = f"x {each.over_optimum:.3f}" if np.isfinite(each.over_optimum) else "-"
@@ -331,6 +342,42 @@ def _write(
         "rows": rows,
     }
     storage.write_json(out / "result.json", result)  # last: its presence says that all is there
+
+
+def _check_report() -> None:
+    """Raise ValueError where what writes the report is absent."""
+    for name in ("plotly", "jinja2"):
+        if importlib.util.find_spec(name) is None:
+            raise ValueError(f"a report needs {name}; install qcar_env[report]")
+
+
+def _write_report(path: Path, outcome: Outcome, tracks: Sequence[Track], seed: int | None) -> Path:
+    from qcar_env.report.benchmark import benchmark as report
+    from qcar_env.report.page import write
+
+    versions = ", ".join(f"{name} {version}" for name, version in storage.versions().items())
+    return write(
+        path,
+        report(
+            tracks,
+            outcome.rows,
+            outcome.standings,
+            outcome.bounds,
+            outcome.histories,
+            findings=benchmark.findings(outcome.standings),
+            provenance={
+                "command": storage.command(),
+                "seed of the crossings": "the tracks' own" if seed is None else str(seed),
+                "versions": versions,
+                "failed": "; ".join(
+                    f"{each.policy} on {each.track} x{each.force_scale:g}: {each.error}"
+                    for each in outcome.failures
+                )
+                or "none",
+                "numbers": "table.csv and result.json beside this file",
+            },
+        ),
+    )
 
 
 def _write_parquet(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -539,6 +586,9 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
         help="folder of the results (default: results/benchmark)",
     )
     parser.add_argument("--force", action="store_true", help="replace results that are there")
+    parser.add_argument(
+        "--report", action="store_true", help="write report.html, a page that opens offline"
+    )
     parser.add_argument("--no-figures", action="store_true", help="leave the figures out")
     return parser.parse_args(argv)
 

@@ -113,11 +113,16 @@ class Report:
     parameters: Table
     provenance: Mapping[str, str]
     shown: tuple[str, ...] = field(default=())  # labels of the histories shown at first
+    parts: tuple[str, ...] = ("first", "whole", "last")  # of the histories that are there
 
 
 def dash(law: str) -> str:
     """Return the dash pattern of a law's line in the words of plotly."""
-    style = line(law).linestyle
+    return dashes(line(law).linestyle)
+
+
+def dashes(style: str | tuple[int, tuple[int, ...]]) -> str:
+    """Return matplotlib's line style in the words of plotly."""
     if isinstance(style, str):
         return DASHES[style]
     # plotly's dashes are in pixels, matplotlib's in line widths of about a pixel and a half.
@@ -142,21 +147,65 @@ def history(law: str, rollout: Rollout, *, label: str | None = None, group: str 
     -------
     History
     """
-    t = rollout.t
-    dt = float(t[1] - t[0]) if len(t) > 1 else rollout.scenario.dt
-    everything = np.column_stack([rollout.x1, rollout.x2, rollout.v1, rollout.v2, rollout.force])
-    per_period = max(2, round(2.0 * np.pi / rollout.scenario.reference_frequency / dt))
-    whole = max(1, len(t) // per_period)
-    blocks = everything[: whole * per_period, :2].reshape(whole, -1, 2)
-    last = min(len(t), PERIODS * per_period + 1)
     style = line(law)
-    return History(
+    return thinned(
+        rollout.t,
+        np.column_stack([rollout.x1, rollout.x2, rollout.v1, rollout.v2]),
+        rollout.force,
+        period=2.0 * np.pi / rollout.scenario.reference_frequency,
         label=style.label if label is None else label,
         colour=style.color,
         dash=dash(law),
         group=group,
+    )
+
+
+def thinned(
+    t: Array,
+    x: Array,
+    force: Array,
+    *,
+    period: float,
+    label: str,
+    colour: str,
+    dash: str,
+    group: str = "",
+    first: float = FIRST,
+) -> History:
+    """Thin time histories for a page.
+
+    Parameters
+    ----------
+    t : ndarray (k,)
+        Evenly spaced times [s].
+    x : ndarray (k, 4)
+        States [m, m, m/s, m/s].
+    force : ndarray (k, m)
+        Force held until each time [m/s^2] or [N].
+    period : float
+        Of the motion [s].
+    label, colour, dash, group
+        See `History`.
+    first : float
+        What is kept of the beginning, sample by sample [s].
+
+    Returns
+    -------
+    History
+    """
+    dt = float(t[1] - t[0])
+    everything = np.column_stack([x, force])
+    per_period = max(2, round(period / dt))
+    whole = max(1, len(t) // per_period)
+    blocks = everything[: whole * per_period, :2].reshape(whole, -1, 2)
+    last = min(len(t), PERIODS * per_period + 1)
+    return History(
+        label=label,
+        colour=colour,
+        dash=dash,
+        group=group,
         dt=dt,
-        first=everything[: round(FIRST / dt)],
+        first=everything[: round(first / dt)],
         last=everything[-last:],
         last_start=float(t[-last]),
         middles=t[: whole * per_period].reshape(whole, -1).mean(axis=1),

@@ -28,6 +28,17 @@
     });
   }
 
+  for (const box of document.querySelectorAll("[data-filter]")) {
+    const table = document.querySelector(`[aria-labelledby=${box.dataset.filter}] table`);
+    box.addEventListener("input", () => {
+      const words = box.value.toLowerCase().split(/\s+/);
+      for (const row of table.tBodies[0].rows) {
+        const text = row.innerText.toLowerCase();
+        row.hidden = !words.every((word) => text.includes(word));
+      }
+    });
+  }
+
   // ---- theme -------------------------------------------------------------------------------
 
   const dark = window.matchMedia("(prefers-color-scheme: dark)");
