@@ -113,11 +113,7 @@ def _board(track: Track, standings: Sequence[Standing]) -> Table:
         return each.rho.value if each else np.inf
 
     policies.sort(key=first)
-    columns = [
-        Column(title="policy", numeric=False),
-        Column(title="gains", numeric=False, note="published, tuned, learned, or yours"),
-        Column(title="reads", numeric=False, note="what the policy is shown"),
-    ]
+    columns = [Column(title="policy", numeric=False)]
     several = len(track.force_scales) > 1
     for scale in track.force_scales:
         where = f" at {scale:g}" if several else ""
@@ -127,15 +123,19 @@ def _board(track: Track, standings: Sequence[Standing]) -> Table:
         ]
         if not several:
             columns += [Column(title="better than CNVC", unit="%", digits=2, note="probability")]
+    columns += [
+        Column(title="gains", numeric=False, note="published, tuned, learned, or yours"),
+        Column(title="reads", numeric=False, note="what the policy is shown"),
+    ]
     table: list[tuple[Cell, ...]] = []
-    optimum: list[Cell] = ["optimum", "", ""]
+    optimum: list[Cell] = ["optimum"]
     for scale in track.force_scales:
         bound = next((each.optimum for each in found.values() if each.force_scale == scale), None)
         optimum += [bound, "certified"] if several else [bound, "certified", None]
-    table.append(tuple(optimum))
+    table.append((*optimum, "", ""))
     for policy in policies:
         any_of = next(each for each in found.values() if each.policy == policy)
-        cells: list[Cell] = [policy, any_of.kind, any_of.reads]
+        cells: list[Cell] = [policy]
         for scale in track.force_scales:
             each = found.get((policy, scale))
             if each is None:
@@ -146,7 +146,7 @@ def _board(track: Track, standings: Sequence[Standing]) -> Table:
             if not several:
                 better = each.improvement
                 cells.append(100.0 * better.value if better else None)
-        table.append(tuple(cells))
+        table.append((*cells, any_of.kind, any_of.reads))
     return Table(
         title=f"Track {track.name}",
         note=f"{track.title}. Version {track.version}, {track.episodes} crossings of "
@@ -193,12 +193,17 @@ def _everything(rows: Sequence[Row], unit: str) -> Table:
                 policy,
                 track,
                 scale,
-                *(float(np.mean([getattr(row, name) for row in group])) for name, _, _ in metrics),
+                *(_mean(group, name) for name, _, _ in metrics),
             )
             for (policy, track, scale), group in groups.items()
         ),
         colours=tuple(look(policy).color for policy, _, _ in groups),
     )
+
+
+def _mean(rows: Sequence[Row], name: str) -> float:
+    found = float(np.mean([getattr(row, name) for row in rows]))
+    return 0.0 if name.startswith("reduction") and abs(found) < 0.01 else found
 
 
 def _frontier(

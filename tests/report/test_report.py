@@ -1,6 +1,7 @@
 """A report holds what was measured, in plotly's words, and nothing that could break the page."""
 
 import base64
+import dataclasses
 import json
 import re
 
@@ -11,9 +12,12 @@ import pytest
 from baselines import catalogue
 from qcar_env.analysis.optimum import period_optimum
 from qcar_env.control import LAWS
+from qcar_env.evaluation.benchmark import optimum_of, score, standings
 from qcar_env.evaluation.comparison import outcome
 from qcar_env.evaluation.rollouts import rollout
+from qcar_env.evaluation.tracks import TRACKS
 from qcar_env.plots.style import line
+from qcar_env.report.benchmark import benchmark
 from qcar_env.report.comparison import comparison
 from qcar_env.report.content import Chart, Column, Curve, history, parameters
 from qcar_env.report.page import cell, render, specification
@@ -181,3 +185,78 @@ def test_absent_plotly_is_named_before_anything_is_simulated(tmp_path, monkeypat
 def test_every_law_of_the_catalogue_has_a_colour_of_its_own():
     colours = [line(name).color for name in LAWS]
     assert len(set(colours)) == len(colours)
+
+
+@pytest.fixture(scope="module")
+def benchmark_report():
+    """A report of two policies on the track with several limits, in the process of the test."""
+    from scripts import benchmark as command, contestants
+
+    where = dataclasses.replace(TRACKS["budget"], force_scales=(1.0, 0.5), episodes=2)
+    entered = contestants.baselines(["cnvc", "lnvc"])
+    scores = {
+        (each.name, scale): score(
+            catalogue.make(each.spec, where.at(scale)),
+            where,
+            scale,
+            name=each.name,
+            kind=each.kind,
+            reads="feedback",
+        )
+        for each in entered
+        if each.kind == "published"
+        for scale in where.force_scales
+    }
+    bounds = {("budget", scale): optimum_of(where, scale) for scale in where.force_scales}
+    rows = [row for each in scores.values() for row in each.rows]
+    lower = {unit: [bound.lower for bound in each] for unit, each in bounds.items()}
+    outcome = command.Outcome(
+        rows=tuple(rows),
+        histories={(name, "budget", s): each.history for (name, s), each in scores.items()},
+        bounds=bounds,
+        standings=standings(rows, lower),
+        failures=(),
+    )
+    return where, outcome
+
+
+def test_the_benchmarks_report_has_every_standing_and_the_optimum(benchmark_report):
+    where, outcome = benchmark_report
+    content = benchmark(
+        [where],
+        outcome.rows,
+        outcome.standings,
+        outcome.bounds,
+        outcome.histories,
+        findings=["one", "two"],
+        provenance={"command": "a test"},
+    )
+    board = content.tables[0]
+    assert [row[0] for row in board.rows] == ["optimum", "cnvc", "lnvc"]
+    for each in outcome.standings:
+        row = next(row for row in board.rows if row[0] == each.policy)
+        assert each.rho.value in row
+    frontier = content.charts[0]
+    assert frontier.curves[0].label.startswith("optimum")
+    for curve in frontier.curves[1:]:
+        assert np.all(curve.y >= frontier.curves[0].y - 1e-6)
+        assert np.all(curve.low <= curve.y)
+        assert np.all(curve.y <= curve.high)
+    assert {each.group for each in content.histories} == {
+        "budget, force limit 1",
+        "budget, force limit 0.5",
+    }
+    assert len(content.tables[1].rows) == 4
+    for each in content.charts:
+        go.Figure(specification(each))
+    page = render(content)
+    assert "budget, force limit 0.5" in page
+    assert '<option value="whole"' not in page
+
+
+def test_the_benchmark_command_writes_it_when_asked(benchmark_report, tmp_path):
+    from scripts import benchmark as command
+
+    where, outcome = benchmark_report
+    found = command._write_report(tmp_path / "report.html", outcome, [where], seed=None)
+    assert found.read_text(encoding="utf-8").startswith("<!doctype html>")

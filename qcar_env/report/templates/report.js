@@ -70,7 +70,7 @@
     hoverlabel: { bgcolor: read("--panel"), font: { color: read("--ink") } },
     ...extra,
   });
-  const config = { responsive: true, displaylogo: false, displayModeBar: narrow() ? false : "hover" };
+  const config = { responsive: true, displaylogo: false, displayModeBar: window.matchMedia("(hover: hover)").matches && !narrow() ? "hover" : false };
 
   // ---- charts that are as they are -----------------------------------------------------------
 
@@ -120,7 +120,8 @@
     const forces = data.histories[0].first.shape[1] - 4;
     const stroke = (each) => ({ color: shade(each.colour), width: 1.6, dash: each.dash });
     const forceNames = forces === 2 ? ["force on the wheel", "force on the body"] : ["force"];
-    const motionTitles = ["x1, wheel [m]", "x2, body [m]", ...forceNames.map((name) => `${name} [${data.unit}]`)];
+    const symbols = forces === 2 ? ["u1", "u2"] : ["u"];
+    const motionTitles = ["x1, wheel [m]", "x2, body [m]", ...symbols.map((name) => `${name} [${data.unit}]`)];
 
     const drawMotion = () => {
       const whole = part.value === "whole";
