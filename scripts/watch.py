@@ -2,6 +2,7 @@
 
     python scripts/watch.py --policy cnvc --vs none
     python scripts/watch.py --policy cnvc --vs none lnvc --out results/watch/three.gif
+    python scripts/watch.py --policy runs/sac-paper-seed0 --vs none cnvc
 
 All cars meet the same road from the same start. By default they swing as without control, and the
 policies begin to act after half a second.
@@ -19,19 +20,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from agents import load as agents
 from baselines import catalogue
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.policy import Policy
 from qcar_env.physics import linear
 from qcar_env.physics.validation import known, non_negative, positive
-from qcar_env.plots.style import line
-from qcar_env.scenarios import SCENARIOS, Scenario
-from qcar_env.scenarios import scenario as find_scenario
+from qcar_env.plots.style import Line, line
+from qcar_env.scenarios import SCENARIOS, Scenario, scenario as find_scenario
 
 Frame = NDArray[np.uint8]
 SUFFIXES = (".mp4", ".gif")
 GIF_COLOURS = 64
+TUNED = "-tuned"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -44,6 +46,8 @@ class Film:
         Names, from left to right.
     scenario : Scenario
         What is crossed.
+    force_scale : float
+        Force limit over the scenario's own [-].
     duration : float
         Simulated time [s].
     start : {"steady", "rest"}
@@ -65,6 +69,7 @@ class Film:
 
     policies: tuple[str, ...]
     scenario: Scenario
+    force_scale: float
     duration: float
     start: str
     wait: float
@@ -74,6 +79,7 @@ class Film:
 
     def __post_init__(self) -> None:
         """Check every number."""
+        positive("force scale", self.force_scale)
         positive("duration", self.duration, "s")
         non_negative("wait", self.wait, "s")
         positive("slow", self.slow)
@@ -133,7 +139,7 @@ def frames(film: Film) -> Iterator[Frame]:
     for envs in zip(*drives, strict=True):
         row = []
         for name, painter, env in zip(film.policies, painters, envs, strict=True):
-            style = line(name)
+            style = look(name)
             picture = dataclasses.replace(
                 env.picture(), name=style.label, colour=style.color, note=note
             )
@@ -201,8 +207,14 @@ def _write_gif(film: Film, path: Path) -> None:
 def _drive(name: str, film: Film) -> Iterator[QuarterCarHumpEnv]:
     """Run one car and yield its environment once a frame."""
     scenario = dataclasses.replace(film.scenario, randomisation=None)
-    policy = find_policy(name, scenario)
-    env = QuarterCarHumpEnv(scenario, duration=film.duration + 1.0)
+    policy = find_policy(name, scenario, film.force_scale)
+    env = QuarterCarHumpEnv(
+        scenario,
+        observe=getattr(policy, "reads", "full"),
+        observe_limit=getattr(policy, "observe_limit", False),
+        force_scale=film.force_scale,
+        duration=film.duration + 1.0,
+    )
     state = np.zeros(4)
     if film.start == "steady":
         state = linear.steady_state(scenario.car, scenario.road, scenario.force).state(0.0)
@@ -226,24 +238,71 @@ def _drive(name: str, film: Film) -> Iterator[QuarterCarHumpEnv]:
             yield env
 
 
-def find_policy(name: str, scenario: Scenario) -> Policy:
-    """Return the policy called `name`.
+def find_policy(name: str, scenario: Scenario, force_scale: float) -> Policy:
+    """Return a policy by name: a baseline, a tuned one, a shipped agent, or a run folder.
+
+    Parameters
+    ----------
+    name : str
+        As ``cnvc``, ``lnvc-tuned``, ``sac-paper`` or ``runs/sac-paper-seed0``.
+    scenario : Scenario
+        What it acts in.
+    force_scale : float
+        Force limit over the scenario's own [-].
 
     Raises
     ------
     ValueError
         If there is none; the message gives the nearest name and the list.
     """
-    return catalogue.make(name, scenario)
+    limited = scenario.with_force_scale(force_scale)
+    baseline = name.removesuffix(TUNED)
+    if name in catalogue.everything():
+        return catalogue.make(name, limited)
+    if name.endswith(TUNED) and baseline in catalogue.everything():
+        return catalogue.make_tuned(
+            baseline, _tuned_on(baseline, force_scale), force_scale, limited
+        )
+    if Path(name).is_dir() or name in agents.names():
+        return agents.load(name)
+    known("policy", name, policies())
+    raise AssertionError  # `known` has raised
+
+
+def policies() -> tuple[str, ...]:
+    """Return the names of all policies."""
+    tuned = dict.fromkeys(f"{name}{TUNED}" for name, _, _ in catalogue.tuned())
+    return (*catalogue.everything(), *tuned, *agents.names())
+
+
+def look(name: str) -> Line:
+    """Return colour and label of a policy: a tuned law has its law's, all agents have one."""
+    if name.endswith(TUNED):
+        style = line(name.removesuffix(TUNED))
+        return style._replace(label=f"{style.label}, tuned")
+    if name in catalogue.everything():
+        return line(name)
+    return line("learned")._replace(label=Path(name).name)
+
+
+def _tuned_on(baseline: str, force_scale: float) -> str:
+    """Return the track on which a baseline was tuned at a force limit."""
+    tracks = [
+        track
+        for name, track, scale in catalogue.tuned()
+        if name == baseline and scale == force_scale
+    ]
+    return min(tracks, key=lambda track: track != "budget", default="budget")
 
 
 def _film(arguments: argparse.Namespace) -> Film:
-    scenario = find_scenario(arguments.scenario).with_force_scale(arguments.force_scale)
+    scenario = find_scenario(arguments.scenario)
     harmonic = scenario.road.profile == "harmonic"
     width, height = arguments.size
     return Film(
         policies=(arguments.policy, *arguments.vs),
         scenario=scenario,
+        force_scale=arguments.force_scale,
         duration=arguments.duration or scenario.duration,
         start=arguments.start or ("steady" if harmonic else "rest"),
         wait=(0.5 if harmonic else 0.0) if arguments.wait is None else arguments.wait,
@@ -257,8 +316,12 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    names = ", ".join(catalogue.names())
-    parser.add_argument("--policy", default="cnvc", help=f"who drives: {names} (default: cnvc)")
+    parser.add_argument(
+        "--policy",
+        default="cnvc",
+        help=f"who drives: {', '.join(policies())}, or a run folder of scripts/train.py "
+        "(default: cnvc)",
+    )
     parser.add_argument(
         "--vs", nargs="*", default=["none"], metavar="POLICY", help="beside whom (default: none)"
     )

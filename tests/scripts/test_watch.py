@@ -111,3 +111,20 @@ def test_bad_input_is_refused_and_writes_nothing(arguments, message, tmp_path, m
     assert watch.main([*SHORT, *arguments]) == 2
     assert message in capsys.readouterr().err
     assert not [each for each in tmp_path.rglob("*") if each.is_file()]
+
+
+def test_tuned_laws_and_agents_drive_too(tmp_path):
+    names = watch.policies()
+    assert "lnvc-tuned" in names
+    assert watch.look("lnvc-tuned").color == watch.look("lnvc").color
+    for name in ("lnvc-tuned", *(each for each in names if each.startswith(("ppo", "sac")))):
+        film = watch._film(watch._parse([*SHORT, "--policy", name, "--start", "rest"]))
+        actions = [env.picture().action for env in watch._drive(name, film)]
+        assert np.any(actions[-1])
+
+
+def test_a_smaller_force_limit_is_the_agents_to_see():
+    film = watch._film(watch._parse([*SHORT, "--force-scale", "0.5"]))
+    env = next(watch._drive("cnvc", film))
+    np.testing.assert_allclose(env.force_limit, 0.5 * np.array(film.scenario.actuator.limit))
+    assert env.scenario.actuator.limit == pytest.approx(tuple(env.force_limit))
