@@ -87,6 +87,7 @@ def simulate(
     step: float = 1e-3,
     start: Start | Sequence[Start] | None = None,
     force_limit: tuple[float, float] | Sequence[tuple[float, float]] | None = None,
+    hold: float | None = None,
     record_every: int = 1,
     on_divergence: OnDivergence = "raise",
 ) -> Simulation:
@@ -106,6 +107,10 @@ def simulate(
     force_limit : tuple of float, optional
         Largest specific forces ``(u1, u2)`` of the actuators [m/s^2], or one pair for each case;
         no limit if left out.
+    hold : float, optional
+        Sample the law this often [s], a whole number of steps, and hold its forces in between, as
+        a digital controller does; its filter goes on in between. If left out the law acts at
+        every instant.
     record_every : int, optional
         Steps from one instant of the time histories to the next.
     on_divergence : {"raise", "keep"}, optional
@@ -133,7 +138,7 @@ def simulate(
     CNVC's local slope ``3 G v^2`` is 27 000 1/s where it is switched on at the uncontrolled
     velocities of the paper's worst case; such a start needs a step of 0.1 ms.
     """
-    cases = _Cases(car, road, force, law, start, force_limit)
+    cases = _Cases(car, road, force, law, start, force_limit, hold)
     positive("duration", duration, "s")
     steps = max(1, round(duration / positive("step", step, "s")))
     every = whole("record_every", record_every)
@@ -172,6 +177,7 @@ def steady_amplitudes(
     periods: int = 5,
     start: Start | Sequence[Start] | None = None,
     force_limit: tuple[float, float] | Sequence[tuple[float, float]] | None = None,
+    hold: float | None = None,
     on_divergence: OnDivergence = "raise",
 ) -> Steady:
     """Integrate closed loops until they are steady and measure their last whole periods.
@@ -184,7 +190,7 @@ def steady_amplitudes(
     periods : int, optional
         Number of periods that are measured at the end: of the harmonic road or of the external
         force, whichever is slower.
-    car, road, force, law, step, start, force_limit, on_divergence
+    car, road, force, law, step, start, force_limit, hold, on_divergence
         As in `simulate`. A diverged case that is kept has infinite amplitudes and forces.
 
     Returns
@@ -203,7 +209,7 @@ def steady_amplitudes(
     Amplitudes are read at the steps: ``max |x|`` is low by at most ``(omega step / 2)^2 / 2``,
     4e-4 of it at 55 rad/s and 1 ms.
     """
-    cases = _Cases(car, road, force, law, start, force_limit)
+    cases = _Cases(car, road, force, law, start, force_limit, hold)
     positive("duration", duration, "s")
     steps = max(1, round(duration / positive("step", step, "s")))
     known("on_divergence", on_divergence, ("raise", "keep"))
@@ -248,6 +254,7 @@ class _Cases:
         law: Law | Sequence[Law],
         start: Start | Sequence[Start] | None,
         force_limit: tuple[float, float] | Sequence[tuple[float, float]] | None,
+        hold: float | None,
     ) -> None:
         given: dict[str, Any] = {"car": car, "road": road, "force": force, "law": law}
         given["start"] = AT_REST if start is None else start
@@ -269,6 +276,7 @@ class _Cases:
         self.starts = [_checked_start(each) for each in self._listed(given["start"])]
         self.limits = [_checked_limit(each) for each in self._listed(given["force_limit"])]
         self.saturated = force_limit is not None
+        self.hold = None if hold is None else positive("hold", hold, "s")
         kinds = sorted({type(each).__name__ for each in self.laws})
         if len(kinds) != 1:
             raise ValueError(
@@ -331,11 +339,19 @@ class _Cases:
         """Integrate all cases, on several threads if there is enough to do."""
         law = self.laws[0]
         kernel = engine_continuous.closed_loop_kernel(
-            law.command, law.filter_rate, type(law.gains), self.saturated
+            law.command, law.filter_rate, type(law.gains), self.saturated, self.hold is not None
         )
+        hold = 1 if self.hold is None else max(1, round(self.hold / step))
+        if self.hold is not None and abs(hold * step / self.hold - 1.0) > 1e-9:
+            raise ValueError(
+                f"hold must be a whole number of steps of {step:g} s, got {self.hold:g} s; "
+                f"give {hold * step:g} s or another step"
+            )
         fractions = step_fractions(float(step))
         engine.over_blocks(
-            lambda begin, end: kernel(slabs, begin, end, self.n, fractions, steps, every, record),
+            lambda begin, end: kernel(
+                slabs, begin, end, self.n, fractions, steps, hold, every, record
+            ),
             blocks=slabs.shape[0],
             work=steps * self.n,
         )

@@ -91,6 +91,16 @@ def saturated_rate(
     )
 
 
+def held_rate(
+    state: Any, forcing: Any, command: Any, filter_rate: Any, gains: Any, forces: Any, car: Any
+) -> ControlledState:
+    """Return the same under held `forces` (a `Limits`), while the law's filter goes on."""
+    return ControlledState(
+        rate(state.plant, forcing, forces.u1, forces.u2, car),
+        filter_rate(state.plant, state.filter, gains),
+    )
+
+
 def no_filter(x: Any, eta: Any, gains: Any) -> Filter:
     """Return the rate of the filter of a law without memory: none."""
     return REST

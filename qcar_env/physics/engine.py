@@ -85,6 +85,7 @@ for _each in (
     closed_loop.controlled_rate,
     closed_loop.unlimited_rate,
     closed_loop.saturated_rate,
+    closed_loop.held_rate,
     closed_loop.no_filter,
     closed_loop.advance_controlled,
 ):

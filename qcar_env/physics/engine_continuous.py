@@ -1,4 +1,4 @@
-"""The closed loop in continuous time, compiled: the law acts inside the Runge-Kutta stages.
+"""Closed loops, compiled: a law that acts inside the Runge-Kutta stages, or is sampled and held.
 
 Blocks of cars as in `qcar_env.physics.engine`.
 """
@@ -19,6 +19,7 @@ from qcar_env.physics.closed_loop import (
     ControlledState,
     Limits,
     advance_controlled,
+    held_rate,
     no_filter,
     saturate,
     saturated_rate,
@@ -151,7 +152,7 @@ compiled(forced_step_over_kinks)
 
 @cache
 def closed_loop_kernel(
-    command: Any, filter_rate: Any, kind: type, saturated: bool
+    command: Any, filter_rate: Any, kind: type, saturated: bool, held: bool = False
 ) -> Callable[..., None]:
     """Return the compiled closed loop of one law.
 
@@ -163,24 +164,37 @@ def closed_loop_kernel(
         NamedTuple class of its gains.
     saturated : bool
         Whether the actuators have limits.
+    held : bool
+        Whether the forces are held between samples of the law, instead of following it.
 
     Returns
     -------
     callable
-        ``run(slabs, begin, end, n, step, steps, every, record)`` integrates the blocks from
+        ``run(slabs, begin, end, n, step, steps, hold, every, record)`` integrates the blocks from
         `begin` to `end` of `slabs`, in place, over `steps` steps. `n` is the number of cars in
-        all blocks, `step` a `Step`. Where `every` is positive it writes
-        ``(x1, x2, v1, v2, u1, u2)`` at each `every`-th step into `record` (records, 6, n).
+        all blocks, `step` a `Step`, `hold` the number of steps between samples. Where `every` is
+        positive it writes ``(x1, x2, v1, v2, u1, u2)`` at each `every`-th step into `record`
+        (records, 6, n).
     """
     sources = source_stamp(command, *([] if filter_rate is None else [filter_rate]))
     remembers = filter_rate is not None
     compiled(command)
     filtering = compiled(filter_rate) if remembers else no_filter
-    closing = saturated_rate if saturated else unlimited_rate
+    follows = saturated_rate if saturated else unlimited_rate
+    closing = held_rate if held else follows
+    BOUND = COMMAND if held else LIMITS
 
     @kernel
     def run(
-        slabs: Any, begin: Any, end: Any, n: Any, step: Any, steps: Any, every: Any, record: Any
+        slabs: Any,
+        begin: Any,
+        end: Any,
+        n: Any,
+        step: Any,
+        steps: Any,
+        hold: Any,
+        every: Any,
+        record: Any,
     ) -> None:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         saved = np.empty((ROAD + 4, LANES))
@@ -194,7 +208,7 @@ def closed_loop_kernel(
             event = _next_kink_step(z, lanes, step.full)
             for k in range(steps + 1):
                 recorded = every > 0 and k % every == 0
-                if recorded or k >= measured:
+                if (held and k % hold == 0) or (not held and (recorded or k >= measured)):
                     for j in range(lanes):
                         plant = load(z, LANES, PLANT, j, State)
                         eta = load(z, LANES, FILTER, j, Filter)
@@ -203,6 +217,7 @@ def closed_loop_kernel(
                             limits = load(z, LANES, LIMITS, j, Limits)
                             u1, u2 = saturate(u1, limits.u1), saturate(u2, limits.u2)
                         store(z, LANES, COMMAND, j, (u1, u2))
+                if recorded or k >= measured:
                     for j in range(lanes):
                         now = np.float64(k >= z[WINDOW * LANES + j])
                         x1, x2, _, _ = load(z, LANES, PLANT, j, State)
@@ -254,7 +269,7 @@ def closed_loop_kernel(
                         command,
                         filtering,
                         gains,
-                        load(z, LANES, LIMITS, j, Limits),
+                        load(z, LANES, BOUND, j, Limits),
                         car,
                     )
                     store(z, LANES, PLANT, j, x.plant)
@@ -285,7 +300,7 @@ def closed_loop_kernel(
                             command,
                             filtering,
                             load(z, LANES, GAINS, j, kind),
-                            load(z, LANES, LIMITS, j, Limits),
+                            load(z, LANES, BOUND, j, Limits),
                             load(z, LANES, CAR, j, Coefficients),
                         )
                         store(z, LANES, PLANT, j, x.plant)

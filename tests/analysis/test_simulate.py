@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from qcar_env.analysis.simulate import simulate, steady_amplitudes
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import REST, ControlledState
+from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.physics import linear, roads
 from qcar_env.physics.car import QuarterCar
 from qcar_env.physics.external_force import ExternalForce
@@ -228,6 +229,38 @@ def test_saturated_loops_have_the_steady_amplitudes_of_the_design():
         found = steady_amplitudes(*PAPER, law, force_limit=limits)
         rho = np.maximum(found.x1 / reference[0], found.x2 / reference[1])
         np.testing.assert_allclose(rho, expected, atol=1.5e-3)
+
+
+def test_a_held_law_is_the_sampled_closed_loop_of_the_environment():
+    env = QuarterCarHumpEnv()
+    env.reset(options={"state": [0.0, 0.0, 0.0, 0.0], "phase": 0.0})
+    law, limits = CNVC(), env.force_limit
+    states = [env.state]
+    for _ in range(400):
+        u = law.command(env.state, REST, law.gains)
+        env.step(np.array(u / limits, np.float32))
+        states.append(env.state)
+    found = simulate(
+        *PAPER,
+        law,
+        duration=2.0,
+        step=0.005 / 4,
+        hold=0.005,
+        record_every=4,
+        force_limit=(280.0, 33.0),
+    )
+    # the environment's actions are single precision: 6e-8 of 280 m/s^2 over 2 s at resonance
+    np.testing.assert_allclose(histories(found).T, states, atol=1e-4 * 0.1, rtol=0)
+
+
+def test_a_held_law_needs_whole_steps_and_approaches_the_continuous_one():
+    with pytest.raises(ValueError, match="hold must be a whole number of steps"):
+        simulate(*PAPER, CNVC(), duration=1.0, hold=1.5e-3)
+    held = steady_amplitudes(*PAPER, CNVC(), hold=0.001, force_limit=(280.0, 33.0))
+    continuous = steady_amplitudes(*PAPER, CNVC(), force_limit=(280.0, 33.0))
+    # held over 1 ms the force lags by half of it: 55 rad/s * 0.5 ms = 0.03 rad
+    assert held.x1 == pytest.approx(continuous.x1, rel=0.03)
+    assert held.x2 == pytest.approx(continuous.x2, rel=0.1)
 
 
 def test_energy_of_an_undriven_reciprocal_car_never_grows():
