@@ -184,6 +184,18 @@ def tuned() -> tuple[tuple[str, str, float], ...]:
     return tuple(sorted(_stored()))
 
 
+def stored(name: str, track: str, force_scale: float) -> dict[str, Any]:
+    """Return all that is stored with tuned gains (arguments and errors: `make_tuned`)."""
+    key = (name, track, float(force_scale))
+    if key not in _stored():
+        there = sorted({entry[0] for entry in _stored() if entry[1:] == key[1:]})
+        raise ValueError(
+            f"no tuned gains of {name!r} for track {track!r} at force scale {force_scale:g}; "
+            f"there are {', '.join(there) or 'none'}; make them with scripts/tune.py"
+        )
+    return _stored()[key]
+
+
 def make_tuned(name: str, track: str, force_scale: float, scenario: Scenario) -> Policy:
     """Make a baseline with the gains that were tuned for a track at one force limit.
 
@@ -203,14 +215,7 @@ def make_tuned(name: str, track: str, force_scale: float, scenario: Scenario) ->
     ValueError
         If there are no such gains; the message lists what there is.
     """
-    key = (name, track, float(force_scale))
-    if key not in _stored():
-        there = sorted({entry[0] for entry in _stored() if entry[1:] == key[1:]})
-        raise ValueError(
-            f"no tuned gains of {name!r} for track {track!r} at force scale {force_scale:g}; "
-            f"there are {', '.join(there) or 'none'}; make them with scripts/tune.py"
-        )
-    return make(name, scenario, **_stored()[key]["gains"])
+    return make(name, scenario, **stored(name, track, force_scale)["gains"])
 
 
 def _matrix(expected: tuple[str, ...], gains: Mapping[str, float]) -> Any:

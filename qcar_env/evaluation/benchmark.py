@@ -161,21 +161,36 @@ class Bound:
 
     lower: float  # certified: no force within the limit leaves less [-]
     upper: float  # reached by the found force [-]
+    held: float | None = None  # least of forces held over the control interval, at the samples [-]
 
 
 @lru_cache(maxsize=4096)
-def optimum(scenario: Scenario) -> Bound:
-    """Return the optimum of a harmonic crossing (see `qcar_env.analysis.optimum`)."""
+def optimum(scenario: Scenario, *, held: bool = False) -> Bound:
+    """Return the optimum of a harmonic crossing (see `qcar_env.analysis.optimum`).
+
+    Parameters
+    ----------
+    scenario : Scenario
+        The crossing.
+    held : bool
+        Whether to solve as well for forces held as the environment holds them: what is left for a
+        policy at that rate. It is a larger program, over many periods.
+    """
     found = period_optimum(scenario, samples=OPTIMUM_SAMPLES)
-    return Bound(lower=found.bound, upper=found.upper)
+    at_rate = period_optimum(scenario, dt=scenario.dt, inside=1).value if held else None
+    return Bound(lower=found.bound, upper=found.upper, held=at_rate)
 
 
 def optimum_of(
     track: Track, force_scale: float, *, split: Split = "held-out", seed: int | None = None
 ) -> tuple[Bound, ...]:
-    """Return the optimum of every crossing of a set, in its order (arguments: `score`)."""
+    """Return the optimum of every crossing of a set, in its order (arguments: `score`).
+
+    Where the crossings are all alike, that of held forces comes with it.
+    """
     cases = episodes(track, split, force_scale=force_scale, seed=seed)
-    return tuple(optimum(each.scenario) for each in cases)
+    same = track.nominal.randomisation is None
+    return tuple(optimum(each.scenario, held=same) for each in cases)
 
 
 @dataclass(frozen=True, kw_only=True)

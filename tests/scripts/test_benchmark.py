@@ -1,0 +1,238 @@
+"""scripts/benchmark.py: results, failures that stay where they happened, and what it refuses."""
+
+import json
+import sys
+import textwrap
+
+import numpy as np
+import pytest
+
+from qcar_env.evaluation import tracks
+from qcar_env.evaluation.tracks import Track
+from scripts import benchmark, contestants
+
+SHORT = Track(
+    name="short",
+    version=3,
+    title="The worst case, cut short",
+    scenario="paper",
+    force_scales=(1.0, 0.5),
+    episodes=5,
+    duration=1.0,
+    periods=3,
+)
+BLIND = Track(
+    name="blind",
+    version=1,
+    title="The same, from the state alone",
+    scenario="paper",
+    force_scales=(1.0, 0.5),
+    observe="feedback",
+    episodes=5,
+    duration=1.0,
+    periods=3,
+)
+
+
+@pytest.fixture(autouse=True)
+def short_tracks(monkeypatch):
+    """Crossings of a second: the machinery does not depend on their length."""
+    there = {"short": SHORT, "blind": BLIND}
+    for module in (tracks, benchmark, contestants):
+        monkeypatch.setattr(module, "TRACKS", there)
+    monkeypatch.setattr(contestants, "agents", lambda: ())
+
+
+@pytest.fixture
+def mine(tmp_path, monkeypatch):
+    """A module with policies of every kind."""
+    text = """
+        import numpy as np
+
+        class Steady:
+            reads = "feedback"
+            def predict(self, observation, state=None, episode_start=None, deterministic=True):
+                assert observation.shape[1] == 4
+                return np.clip(-9.0 * observation[:, 2:4], -1.0, 1.0), state
+
+        class Nan(Steady):
+            def predict(self, observation, state=None, episode_start=None, deterministic=True):
+                return np.full((len(observation), 2), np.nan), None
+
+        class Midway(Steady):
+            def __init__(self):
+                self.count = 0
+            def predict(self, observation, state=None, episode_start=None, deterministic=True):
+                self.count += 1
+                if self.count > 50:
+                    raise RuntimeError("the engine is out of fuel")
+                return np.zeros((len(observation), 2)), None
+
+        class Short(Steady):
+            def predict(self, observation, state=None, episode_start=None, deterministic=True):
+                if observation.shape[1] != 7:
+                    raise ValueError(f"expected 7 entries, got {observation.shape[1]}")
+
+        steady, nan, midway, short = Steady(), Nan(), Midway(), Short()
+        number = 3
+
+        def made(scenario):
+            assert scenario.actuator.limit[0] <= 280.0
+            return Steady()
+    """
+    (tmp_path / "bench_policies.py").write_text(textwrap.dedent(text), encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "bench_policies", raising=False)
+    return "bench_policies"
+
+
+def run(out, *arguments):
+    return benchmark.main(
+        ["--jobs", "1", "--no-figures", "--out", str(out), "--tracks", "short", *arguments]
+    )
+
+
+def read(out):
+    return json.loads((out / "result.json").read_text(encoding="utf-8"))
+
+
+def test_results_are_complete_and_a_second_run_is_identical(tmp_path):
+    for name in ("a", "b"):
+        assert run(tmp_path / name, "--baselines", "none", "cnvc", "lnvc") == 0
+    first, second = read(tmp_path / "a"), read(tmp_path / "b")
+    assert first["standings"] == second["standings"]
+    assert first["rows"] == second["rows"]
+    board = [(tmp_path / name / "leaderboard.md").read_text(encoding="utf-8") for name in "ab"]
+    assert board[0] == board[1]
+    assert "*optimum*" in board[0]
+    assert "*optimum at 200 Hz*" in board[0]
+    policies = {row["policy"] for row in first["rows"]}
+    assert policies == {"none", "cnvc", "lnvc", "cnvc (tuned)", "lnvc (tuned)"}
+    assert len(first["rows"]) == 5 * 2 * 5  # policies, limits, crossings
+    for row in first["rows"]:
+        assert row["rho"] == pytest.approx(max(row["x1"] / 1.1163, row["x2"] / 1.5891), rel=1e-3)
+    header = (tmp_path / "a" / "table.csv").read_text(encoding="utf-8").splitlines()
+    assert len(header) == 1 + len(first["rows"])
+    assert first["tracks"][0]["version"] == 3
+
+
+def test_other_seeds_move_the_result_within_its_intervals(tmp_path):
+    for name, seed in (("a", "1"), ("b", "2")):
+        assert run(tmp_path / name, "--baselines", "cnvc", "lnvc", "--seed", seed) == 0
+    first, second = read(tmp_path / "a")["standings"], read(tmp_path / "b")["standings"]
+    assert first != second
+    other = {(s["policy"], s["force_scale"]): s["rho"] for s in second}
+    for standing in first:
+        a, b = standing["rho"], other[(standing["policy"], standing["force_scale"])]
+        assert a["low"] <= b["high"]  # the intervals overlap
+        assert b["low"] <= a["high"]
+
+
+def test_a_policy_that_fails_does_not_take_the_others_with_it(tmp_path, mine, capsys):
+    specs = [f"{mine}:{name}" for name in ("nan", "midway", "short", "steady", "made")]
+    arguments = [word for spec in specs for word in ("--policy", spec)]
+    assert run(tmp_path / "out", "--baselines", "cnvc", *arguments) == 1
+    result = read(tmp_path / "out")
+    assert {row["policy"] for row in result["rows"]} == {
+        "cnvc",
+        "cnvc (tuned)",
+        f"{mine}:steady",
+        f"{mine}:made",
+    }
+    errors = {failure["policy"].split(":")[1]: failure["error"] for failure in result["failures"]}
+    assert "action must be finite" in errors["nan"]
+    assert "the engine is out of fuel" in errors["midway"]
+    assert "expected 7 entries, got 4" in errors["short"]
+    said = capsys.readouterr()
+    assert "midway failed on short" in said.err
+    assert "yours" in (tmp_path / "out" / "leaderboard.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("{mine}:nothing", "no policy"),
+        ("no_such_module_here:policy", "no policy"),
+        ("{mine}:number", "has no predict"),
+    ],
+)
+def test_what_is_no_policy_is_reported(tmp_path, mine, spec, message):
+    assert run(tmp_path, "--baselines", "none", "--policy", spec.format(mine=mine)) == 1
+    assert all(message in failure["error"] for failure in read(tmp_path)["failures"])
+    assert {row["policy"] for row in read(tmp_path)["rows"]} == {"none"}
+
+
+def test_results_are_not_overwritten_without_force(tmp_path, capsys):
+    assert run(tmp_path, "--baselines", "none") == 0
+    before = (tmp_path / "result.json").read_bytes()
+    assert run(tmp_path, "--baselines", "cnvc") == 2
+    assert "already holds results; give --force" in capsys.readouterr().err
+    assert (tmp_path / "result.json").read_bytes() == before
+    assert run(tmp_path, "--baselines", "cnvc", "--force") == 0
+    assert {row["kind"] for row in read(tmp_path)["rows"]} == {"published", "tuned"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--tracks", "papr"], "unknown track 'papr'"),
+        (["--baselines", "cnvcc"], "unknown baseline 'cnvcc'"),
+        (["--policy", "nothing"], "--policy must be module:object"),
+        (["--policy", "absent.onnx"], "no file absent.onnx"),
+        (["--jobs", "0"], "jobs must be at least 1"),
+    ],
+)
+def test_bad_arguments_are_refused_before_anything_is_run(tmp_path, capsys, arguments, message):
+    assert run(tmp_path / "out", *arguments) == 2
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_track_for_feedback_takes_no_policy_that_reads_more(tmp_path):
+    arguments = ["--tracks", "short", "blind", "--baselines", "lqr", "lqr-feedforward"]
+    assert run(tmp_path, *arguments) == 0
+    rows = read(tmp_path)["rows"]
+    assert {row["policy"] for row in rows if row["track"] == "blind"} == {"lqr", "lqr (tuned)"}
+    both = {}
+    for row in rows:
+        if row["policy"] == "lqr":
+            both.setdefault(row["track"], []).append(row["rho"])
+    assert both["short"] == both["blind"]  # the same crossings, run once
+
+
+def test_an_onnx_file_enters(tmp_path):
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    helper = onnx.helper
+    gain = np.zeros((4, 2), dtype=np.float32)
+    gain[2, 0] = gain[3, 1] = -5.0
+    node = helper.make_node("MatMul", ["observation", "gain"], ["action"])
+    graph = helper.make_graph(
+        [node],
+        "policy",
+        [helper.make_tensor_value_info("observation", onnx.TensorProto.FLOAT, ["n", 4])],
+        [helper.make_tensor_value_info("action", onnx.TensorProto.FLOAT, ["n", 2])],
+        [onnx.numpy_helper.from_array(gain, "gain")],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    path = tmp_path / "linear.onnx"
+    onnx.save(model, path)
+    assert run(tmp_path / "out", "--baselines", "none", "--policy", str(path)) == 0
+    mine = [row for row in read(tmp_path / "out")["rows"] if row["policy"] == "linear"]
+    assert len(mine) == 10
+    assert {row["reads"] for row in mine} == {"feedback"}
+    path.write_bytes(path.read_bytes()[:40])  # cut off
+    assert run(tmp_path / "cut", "--baselines", "none", "--policy", str(path)) == 1
+    assert "is not an ONNX policy" in read(tmp_path / "cut")["failures"][0]["error"]
+
+
+@pytest.mark.slow
+def test_two_processes_give_the_result_of_one_and_the_figures(tmp_path, monkeypatch):
+    monkeypatch.undo()  # worker processes know the real tracks alone
+    arguments = ["--tracks", "budget", "--baselines", "none", "lnvc", "--no-agents"]
+    for name, jobs in (("one", "1"), ("two", "2")):
+        out = str(tmp_path / name)
+        assert benchmark.main([*arguments, "--jobs", jobs, "--out", out]) == 0
+    assert read(tmp_path / "one")["rows"] == read(tmp_path / "two")["rows"]
+    figures = {each.name for each in (tmp_path / "two" / "figures").iterdir()}
+    assert {"frontier_budget.png", "histories_budget_1.pdf"} <= figures
