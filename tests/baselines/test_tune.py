@@ -1,0 +1,100 @@
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from baselines import catalogue, tune
+from qcar_env.evaluation.batch_rollouts import batch_rollout, steady_rho
+from qcar_env.evaluation.tracks import episodes, track
+from scripts import tune as command
+
+BUDGET = track("budget")
+
+
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    """Crossings of a second and few candidates: the machinery, not the gains."""
+    monkeypatch.setattr(tune, "DURATION", 1.0)
+    monkeypatch.setattr(tune, "PERIODS", 3)
+    monkeypatch.setattr(tune, "SETTLED", 1.0)
+    few = {
+        name: dataclasses.replace(search, generations=2) for name, search in tune.SEARCHES.items()
+    }
+    monkeypatch.setattr(tune, "SEARCHES", few)
+
+
+@pytest.mark.parametrize("name", list(tune.SEARCHES))
+def test_a_candidate_scores_in_the_batch_as_the_policy_does_alone(name):
+    # The search evaluates what is stored: the same gains through the policy and its environment.
+    search = tune.SEARCHES[name]
+    point = np.array(search.low) + 0.6 * (np.array(search.high) - np.array(search.low))
+    nominal = BUDGET.at(0.5)
+    cases = [tune._on_optimum(e) for e in episodes(BUDGET, "training", force_scale=0.5, count=2)]
+    cars = tune.Crossings(cases)
+    gains = search.gains(point)
+    act = tune._candidates(name, [gains, gains], nominal, 2)
+    batch = tune._batch_rho(cars, act, 2)
+    assert batch[0] == batch[1]
+    policy = catalogue.make(name, nominal, **gains)
+    alone = steady_rho(batch_rollout(policy, cases, duration=1.0, observe=policy.reads), 3)
+    # float32 actions; the internal model is searched through its twin, which has no transient.
+    assert batch[0] == pytest.approx(alone.mean(), rel=0.05 if name == "lqr-model" else 1e-3)
+
+
+def test_a_seed_decides_and_the_search_improves():
+    first = tune.tune("lnvc", BUDGET, 0.5, population=8)
+    assert first == tune.tune("lnvc", BUDGET, 0.5, population=8)
+    assert first != tune.tune("lnvc", BUDGET, 0.5, population=8, seed=1)
+    published = tune.validate("lnvc", {}, BUDGET, 0.5)
+    assert first.validation_rho < published
+    assert set(first.gains) == {"G1", "G2"}
+
+
+def test_training_never_sees_the_held_out_crossings(monkeypatch):
+    asked = []
+    original = tune.episodes
+
+    def spy(where, split, **options):
+        asked.append(split)
+        return original(where, split, **options)
+
+    monkeypatch.setattr(tune, "episodes", spy)
+    tune.tune("skyhook", track("randomised"), 0.5, population=6, crossings=2)
+    assert set(asked) == {"training", "validation"}
+
+
+def test_the_command_stores_gains_and_leaves_them_alone_without_force(tmp_path):
+    out = tmp_path / "tuned.json"
+    arguments = ["--track", "budget", "--force-scale", "0.5", "--baselines", "skyhook"]
+    arguments += ["--population", "6", "--out", str(out)]
+    assert command.main(arguments) == 0
+    stored = json.loads(out.read_text(encoding="utf-8"))
+    assert stored[0]["baseline"] == "skyhook"
+    assert "--force-scale 0.5" in stored[0]["command"]
+    assert stored[0]["track_version"] == BUDGET.version
+    before = out.read_bytes()
+    assert command.main([*arguments, "--seed", "3"]) == 0
+    assert out.read_bytes() == before
+    assert command.main([*arguments, "--seed", "3", "--force"]) == 0
+    assert out.read_bytes() != before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--baselines", "mpc"], "unknown baseline to tune 'mpc'"),
+        (["--track", "papr"], "unknown track 'papr'"),
+        (["--population", "2", "--baselines", "lnvc"], "population must be at least 5"),
+    ],
+)
+def test_bad_arguments_are_refused(tmp_path, capsys, arguments, message):
+    assert command.main([*arguments, "--out", str(tmp_path / "tuned.json")]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_the_store_is_of_the_tracks_of_today():
+    for each in tune.load():
+        assert each.track_version == track(each.track).version
+        assert each.force_scale in track(each.track).force_scales
+        assert set(each.gains) == set(tune.SEARCHES[each.baseline].names)
