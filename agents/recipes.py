@@ -254,7 +254,7 @@ def _gradient(task: str) -> Recipe:
         features=_features(task),
         hidden=(32, 32),
         cars=128,
-        steps=128 * 120 * 200,  # 200 updates
+        steps=128 * 120 * 100,  # 100 updates: flat after 60
         velocity_gain=20.0,
     )
 
