@@ -18,15 +18,18 @@ from typing import Any
 import matplotlib
 
 from baselines import catalogue
+from qcar_env.analysis.optimum import period_optimum
 from qcar_env.analysis.table1 import Cell, table1
 from qcar_env.control.law import Law
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.comparison import Outcome, outcome
 from qcar_env.evaluation.rollouts import Rollout, rollout
+from qcar_env.evaluation.tracks import TRACKS
 from qcar_env.physics.validation import finite, known, positive
 from qcar_env.plots import time_history
 from qcar_env.plots.style import journal
 from qcar_env.scenarios import SCENARIOS, Scenario, scenario as find_scenario
+from scripts import contestants
 
 STEADY = 60.0  # [s] from rest; the paper's slow mode has a time constant of 4.8 s
 START = "at rest, phase 0; nothing is drawn, so there is no seed"
@@ -92,7 +95,10 @@ def compare(
         _progress(f"rolling out {name} ({count} of {len(policies)})")
         rollouts[name] = rollout(policy, base, duration=length)
     outcomes = [outcome(name, each, base.reference_amplitudes) for name, each in rollouts.items()]
-    _print_outcomes(base, outcomes, length)
+    learned = _learned(base, length) if harmonic and force_limit is None else []
+    _print_outcomes(base, [*outcomes, *learned], length)
+    if harmonic:
+        _print_optimum(base, [*outcomes, *learned])
     _write(out, base, length, cells, outcomes, rollouts, gains)
     if report:
         _progress("writing the report")
@@ -214,6 +220,35 @@ def _print_outcomes(scenario: Scenario, outcomes: Sequence[Outcome], duration: f
         )
     _print_rows(rows, left=1)
     print("\ndB: amplitude relative to no control; forces: wheel / body\n")
+
+
+def _learned(scenario: Scenario, duration: float) -> list[Outcome]:
+    """Return the outcomes of the shipped agents that were trained for this scenario and limit."""
+    home = next((each for each in TRACKS.values() if each.scenario == scenario.name), None)
+    if home is None:
+        return []
+    found: list[Outcome] = []
+    for each in contestants.agents():
+        if not any(scale == 1.0 for _, scale in each.tracks((home,))):
+            continue
+        made = each.make(home, 1.0)
+        if made.observe_limit:
+            continue  # one rollout shows no limit; the benchmark does
+        _progress(f"rolling out {each.name}")
+        rolled = rollout(made.policy, scenario, duration=duration, observe=made.reads)
+        found.append(outcome(each.name, rolled, scenario.reference_amplitudes))
+    return found
+
+
+def _print_optimum(scenario: Scenario, outcomes: Sequence[Outcome]) -> None:
+    best = period_optimum(scenario)
+    print(
+        "Optimum: within these limits no force of any shape leaves less than "
+        f"rho = {best.bound:.4f}, and one leaves {best.upper:.4f} "
+        "(rho: the larger of x1 and x2 over no control's)."
+    )
+    print("rho: " + ", ".join(f"{each.policy} {each.rho:.4f}" for each in outcomes))
+    print("make benchmark scores every policy at every limit, with intervals.\n")
 
 
 def _print_rows(rows: Sequence[Sequence[str]], left: int) -> None:
