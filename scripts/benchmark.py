@@ -35,6 +35,7 @@ from qcar_env.physics.validation import whole  # noqa: E402
 from scripts import contestants  # noqa: E402
 from scripts.contestants import Contestant  # noqa: E402
 
+FRONTIER = 37  # force limits at which the frontier is drawn: every 0.025
 SLOWEST = ("mpc",)  # started first, so that no core waits for them at the end
 Unit = tuple[str, float]  # name of a track, force limit over the scenario's own
 
@@ -422,10 +423,18 @@ def _draw(folder: Path, outcome: Outcome, tracks: Sequence[Track]) -> None:
             if any(best):
                 shown["learned"] = [each.rho if each else None for each in best]
             lower = [min(b.lower for b in outcome.bounds[(name, s)]) for s in limits]
-            upper = [max(b.upper for b in outcome.bounds[(name, s)]) for s in limits]
+            between = np.linspace(limits[0], limits[-1], FRONTIER)
+            optima = [benchmark.optimum(where.at(float(s))) for s in between]
             figure = plt.figure(figsize=plots.SIZE)
             axes = figure.subplots(1, 2)
-            plots.frontier(axes[0], limits, shown, lower, upper)
+            plots.frontier(
+                axes[0],
+                limits,
+                shown,
+                optimum_limits=between,
+                lower=[each.lower for each in optima],
+                upper=[each.upper for each in optima],
+            )
             plots.over_optimum(axes[1], limits, shown, lower)
             plots.shared_legend(figure, axes)
             save(figure, f"frontier_{name}")
@@ -487,7 +496,8 @@ def _histories(outcome: Outcome, scale: float) -> Any:
 
     nominal = track("budget").at(scale)
     best = _best_learned(outcome, "budget", scale)
-    chosen = {"cnvc": "cnvc", "lnvc (tuned)": "lnvc (tuned)", "mpc": "mpc"}
+    scripted = ("cnvc", "lnvc (tuned)", "state (tuned)", "mpc")
+    chosen = {name: name for name in scripted}
     if best:
         chosen["learned"] = best.policy
     records = {}
@@ -510,7 +520,8 @@ def _force_velocity(outcome: Outcome, scale: float) -> Any:
 
     best = _best_learned(outcome, "budget", scale)
     nominal = track("budget").at(scale)
-    chosen = {"cnvc": "cnvc", "learned": best.policy} if best else {"cnvc": "cnvc", "mpc": "mpc"}
+    second = {"learned": best.policy} if best else {"state (tuned)": "state (tuned)"}
+    chosen = {"cnvc": "cnvc", **second}
     figure = plt.figure(figsize=plots.SIZE)
     axes = figure.subplots(1, 2)
     for mass, (ax, word) in enumerate(zip(axes, ("wheel", "body"), strict=True)):

@@ -67,6 +67,7 @@ class Contestant:
         if self.kind == "learned":
             agent = _agent(self.spec)
             home = agent.recipe.get("track", track.name)
+            home = home["name"] if isinstance(home, dict) else home
             same = _scenario_of(home, track) == track.scenario
             return (
                 same

@@ -26,6 +26,7 @@ from qcar_env.scenarios import Scenario
 
 Array = NDArray[np.float64]
 
+ALIKE = 0.01  # [-] relative difference of rho that no driver would feel
 OPTIMUM_SAMPLES = 64  # forces in a period of the linear program
 SHOWN_PERIODS = 6  # periods at the end of the first crossing that are kept for the figures
 
@@ -299,18 +300,19 @@ def findings(found: Iterable[Standing]) -> tuple[str, ...]:
 
 def _versus(linear: Standing, cubic: Standing) -> str:
     a, b = linear.rho, cubic.rho
+    alike = abs(a.value - b.value) < ALIKE * max(a.value, b.value)
     numbers = f"(rho {a.value:.4f} against {b.value:.4f})"
-    if a.high < b.low:
+    if a.high < b.low and not alike:
         return (
             f"linear velocity feedback, {linear.policy}, beats the cubic, {cubic.policy} {numbers}."
         )
-    if b.high < a.low:
+    if b.high < a.low and not alike:
         return (
             f"the cubic, {cubic.policy}, beats linear velocity feedback, {linear.policy} {numbers}."
         )
     return (
-        f"linear velocity feedback, {linear.policy}, and the cubic, {cubic.policy}, are not told "
-        f"apart {numbers}."
+        f"linear velocity feedback, {linear.policy}, and the cubic, {cubic.policy}, leave the "
+        f"same, to 1 % or to the width of the intervals {numbers}."
     )
 
 

@@ -41,6 +41,8 @@ def frontier(
     ax: Axes,
     limits: ArrayLike,
     policies: Mapping[str, Sequence[Interval | None]],
+    *,
+    optimum_limits: ArrayLike,
     lower: ArrayLike,
     upper: ArrayLike,
 ) -> Axes:
@@ -54,24 +56,26 @@ def frontier(
         Force limits over the scenario's own [-], rising.
     policies : mapping of str to sequence of Interval or None
         rho at each limit by policy [-]; None where it did not run.
-    lower, upper : array_like (k,)
-        The optimum's bracket at each limit [-]; below it nothing can be.
+    optimum_limits : array_like (j,)
+        Force limits of the frontier [-], rising.
+    lower, upper : array_like (j,)
+        The optimum's bracket at each of those [-]; below it nothing can be.
 
     Returns
     -------
     Axes
     """
     s = np.asarray(limits, dtype=np.float64)
+    at = np.asarray(optimum_limits, dtype=np.float64)
     low = np.maximum(np.asarray(lower, dtype=np.float64), SMALLEST)
     high = np.maximum(np.asarray(upper, dtype=np.float64), SMALLEST)
-    ax.fill_between(s, SMALLEST * 0.5, low, color="#EEEEEE", linewidth=0.0, zorder=0)
-    ax.fill_between(s, low, high, color=look("optimum").color, alpha=0.5, linewidth=0.0)
-    ax.plot(s, high, color=look("optimum").color, linewidth=1.6, label="optimum")
+    ax.fill_between(at, SMALLEST * 0.5, low, color="#EEEEEE", linewidth=0.0, zorder=0)
+    ax.fill_between(at, low, high, color=look("optimum").color, alpha=0.5, linewidth=0.0)
+    ax.plot(at, high, color=look("optimum").color, linewidth=1.6, label="optimum")
     ax.text(
-        float(s[-1]) * 0.985,
-        SMALLEST * 1.3,
-        "no force within the limit reaches here",
-        ha="right",
+        float(at[0] + 0.04 * (at[-1] - at[0])),
+        SMALLEST * 3.0,
+        "no force within\nthe limit leaves\nso little",
         color="#666666",
         fontsize=6.5,
     )
@@ -114,8 +118,10 @@ def over_optimum(
 
     Parameters
     ----------
-    ax, limits, policies, lower
+    ax, limits, policies
         See `frontier`.
+    lower : sequence of float (k,)
+        Lower bound of the optimum at each limit [-].
     """
     kept = [i for i, value in enumerate(lower) if value > 0.01]
     groups = [name for name, values in policies.items() if any(values[i] for i in kept)]
@@ -143,7 +149,7 @@ def over_optimum(
                 linewidth=0.3,
             )
     ax.set_yscale("log")
-    ax.set_ylim(0.05, 100.0)
+    ax.set_ylim(0.03, 100.0)
     ax.set_xticks(range(len(kept)), [f"{limits[i]:g}" for i in kept])
     ax.grid(visible=False, axis="x")
     ax.set_xlabel("force limit over CNVC's own peak force [-]")
