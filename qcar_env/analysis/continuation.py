@@ -146,8 +146,9 @@ def follow(
         equations=equations,
         p_scale=positive("p_scale", abs(p_end - p_start) if p_scale is None else p_scale),
         z_scale=positive("z_scale", (size if size > 0.0 else 1.0) if z_scale is None else z_scale),
+        low=min(p_start, p_end),
+        high=max(p_start, p_end),
     )
-    low, high = min(p_start, p_end), max(p_start, p_end)
     point = np.append(first.z[:, 0] / scale.z_scale, p_start / scale.p_scale)
     toward = np.zeros_like(point)
     toward[-1] = np.sign(p_end - p_start)
@@ -161,7 +162,12 @@ def follow(
     watched = dict(tests or {})
     length = step
     while len(followed) < max_points:
-        found = scale.correct(point + length * tangent, tangent)
+        ahead = point + length * tangent
+        landing = scale.landing(point, ahead)  # at the end of the range, if the step crosses it
+        if landing is None:
+            found = scale.correct(ahead, tangent)
+        else:
+            found = scale.correct(landing, np.abs(toward))
         new_tangent = None if found is None else scale.tangent(found[0], tangent)
         bent = new_tangent is not None and float(new_tangent @ tangent) < STRAIGHT
         if found is None or (bent and length > 100.0 * SHORTEST):
@@ -177,19 +183,9 @@ def follow(
                 scale, followed, special, complete=False, how="singular Jacobian beyond p = "
             )
         special += _between(scale, point, tangent, new, new_tangent, watched)
-        p = new[-1] * scale.p_scale
-        if not low <= p <= high:
-            edge = low if p < low else high
-            last = scale.at_parameter(point, new, edge)
-            # a fold or zero beyond the edge of the range is not part of the branch
-            special = [each for each in special if low <= each.p <= high]
-            if last is None:
-                return _branch(
-                    scale, followed, special, complete=False, how="did not converge beyond p = "
-                )
-            followed.append(last)
-            return _branch(scale, followed, special, complete=True, how="reached p = ")
         followed.append(new)
+        if landing is not None:
+            return _branch(scale, followed, special, complete=True, how="reached p = ")
         point, tangent = new, new_tangent
         if corrections <= 3:
             length = min(1.4 * length, longest)
@@ -200,26 +196,54 @@ def follow(
 
 @dataclass(frozen=True, kw_only=True)
 class _Scaled:
-    """The system in scaled unknowns ``(z / z_scale, p / p_scale)``."""
+    """The system in scaled unknowns ``(z / z_scale, p / p_scale)``.
+
+    Nothing is evaluated outside the parameter's range: there may be no system there.
+    """
 
     equations: Equations
     p_scale: float
     z_scale: float
+    low: float  # range of the parameter
+    high: float
+
+    def parameter(self, point: Array) -> float:
+        return min(max(float(point[-1] * self.p_scale), self.low), self.high)
+
+    def inside(self, point: Array) -> bool:
+        slack = 1e-12 * (self.high - self.low)
+        return self.low - slack <= point[-1] * self.p_scale <= self.high + slack
+
+    def landing(self, point: Array, ahead: Array) -> Array | None:
+        """Return where the line from `point` to `ahead` meets an end of the range, if it does."""
+        if self.low < ahead[-1] * self.p_scale < self.high:
+            return None
+        edge = (self.low if ahead[-1] < point[-1] else self.high) / self.p_scale
+        part = (edge - point[-1]) / (ahead[-1] - point[-1])
+        there = point + part * (ahead - point)
+        there[-1] = edge
+        return there
 
     def residual(self, point: Array) -> Array:
-        z, p = point[:-1] * self.z_scale, float(point[-1] * self.p_scale)
-        return self.equations.residual(z[:, None], p)[:, 0]
+        z = point[:-1] * self.z_scale
+        return self.equations.residual(z[:, None], self.parameter(point))[:, 0]
 
     def derivative(self, point: Array) -> Array:
         """Return the derivative by unknowns and parameter, (m, m + 1)."""
-        z, p = point[:-1] * self.z_scale, float(point[-1] * self.p_scale)
+        z, p = point[:-1] * self.z_scale, self.parameter(point)
         by_z = self.equations.jacobian(z[:, None], p)[0] * self.z_scale
         shift = np.cbrt(np.finfo(float).eps) * max(abs(point[-1]), 1e-2)
         step = shift * self.p_scale
-        by_p = (
-            self.equations.residual(z[:, None], p + step)[:, 0]
-            - self.equations.residual(z[:, None], p - step)[:, 0]
-        ) / (2.0 * shift)
+
+        def at(multiple: float) -> Array:
+            return self.equations.residual(z[:, None], p + multiple * step)[:, 0]
+
+        if p - step < self.low:
+            by_p = (-3.0 * at(0.0) + 4.0 * at(1.0) - at(2.0)) / (2.0 * shift)
+        elif p + step > self.high:
+            by_p = (3.0 * at(0.0) - 4.0 * at(-1.0) + at(-2.0)) / (2.0 * shift)
+        else:
+            by_p = (at(1.0) - at(-1.0)) / (2.0 * shift)
         return np.column_stack([by_z, by_p])
 
     def tangent(self, point: Array, along: Array) -> Array | None:
@@ -252,25 +276,14 @@ class _Scaled:
             except np.linalg.LinAlgError:
                 return None
             point = point + change
+            if not self.inside(point):
+                return None
             if np.max(np.abs(change)) <= 1e-10 * max(1.0, float(np.max(np.abs(point)))):
                 return point, count
         return None
 
-    def at_parameter(self, point: Array, beyond: Array, p: float) -> Array | None:
-        """Return the solution at `p`, between two points of the branch."""
-        target = p / self.p_scale
-        part = (target - point[-1]) / (beyond[-1] - point[-1])
-        normal = np.zeros_like(point)
-        normal[-1] = 1.0
-        guess = point + part * (beyond - point)
-        guess[-1] = target
-        found = self.correct(guess, normal)
-        return None if found is None else found[0]
-
     def special(self, kind: str, point: Array) -> SpecialPoint:
-        return SpecialPoint(
-            kind=kind, p=float(point[-1] * self.p_scale), z=point[:-1] * self.z_scale
-        )
+        return SpecialPoint(kind=kind, p=self.parameter(point), z=point[:-1] * self.z_scale)
 
 
 def _between(
@@ -306,7 +319,7 @@ def _between(
     for name, test in tests.items():
 
         def value(at: Array, test: Test = test) -> float:
-            return test(at[:-1] * scale.z_scale, float(at[-1] * scale.p_scale))
+            return test(at[:-1] * scale.z_scale, scale.parameter(at))
 
         if value(point) * value(new) < 0.0:
             s = zero(value)
@@ -318,7 +331,7 @@ def _branch(
     scale: _Scaled, points: list[Array], special: list[SpecialPoint], *, complete: bool, how: str
 ) -> Branch:
     columns = np.array(points).T
-    p = columns[-1] * scale.p_scale
+    p = np.clip(columns[-1] * scale.p_scale, scale.low, scale.high)
     return Branch(
         p=p,
         z=columns[:-1] * scale.z_scale,

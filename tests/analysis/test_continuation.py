@@ -149,6 +149,22 @@ def test_no_solution_at_the_start_is_reported():
     assert "no solution found at the start, p = 0" in branch.message
 
 
+def test_nothing_is_evaluated_outside_the_range():
+    """Beyond the range there may be no system: a gain below zero, a frequency at zero."""
+    seen = []
+
+    def residual(z, p):
+        seen.append(p)
+        return z * z - 1.0 - p
+
+    branch = follow(equations(residual), np.array([1.0]), 0.0, 3.0, longest=0.5)
+    assert branch.complete
+    assert branch.p[-1] == 3.0
+    assert branch.z[0, -1] == pytest.approx(2.0)
+    assert min(seen) == 0.0
+    assert max(seen) == 3.0
+
+
 def test_running_out_of_points_is_reported():
     branch = follow(equations(lambda z, p: z - p), np.zeros(1), 0.0, 1.0, max_points=5)
     assert not branch.complete

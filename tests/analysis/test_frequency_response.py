@@ -139,6 +139,16 @@ def test_any_parameter_can_be_followed(paper, parameter):
     np.testing.assert_allclose(curve.theta2, points.theta2, atol=1e-7)
 
 
+def test_gains_and_couplings_can_be_followed_from_zero(paper):
+    """A negative gain is refused, and so must not be tried."""
+    car = with_law(paper, CNVC())
+    for name, end in (("G", 1.2), ("E3", 1.0), ("mu2", 20.0), ("b1", 9.0)):
+        curve = response(car, name, 0.0, end)
+        assert curve.complete
+        assert curve.values[0] == 0.0
+        assert curve.values[-1] == end
+
+
 def test_the_papers_response_has_one_stable_branch_and_no_fold(paper):
     """Against the paper's "stable in the right branch and unstable in the left" (Fig. 4)."""
     for law in (Passive(), CNVC(G1=0.5, G2=0.5), CNVC()):
