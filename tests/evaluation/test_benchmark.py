@@ -1,0 +1,112 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from baselines import catalogue
+from qcar_env.evaluation import benchmark
+from qcar_env.evaluation.benchmark import Row, findings, standings
+from qcar_env.evaluation.tracks import track
+
+SHORT = dataclasses.replace(track("budget"), duration=1.0, periods=3, episodes=3)
+BLANK = {
+    field.name: (0 if field.type in ("int", "float") else "full" if field.name == "reads" else "")
+    for field in dataclasses.fields(Row)
+}
+
+
+def rows(policy, kind, values, where="budget", scale=0.5):
+    return [
+        Row(
+            **{
+                **BLANK,
+                "policy": policy,
+                "kind": kind,
+                "track": where,
+                "force_scale": scale,
+                "episode": j,
+                "rho": value,
+                "terminated": False,
+            }
+        )
+        for j, value in enumerate(values)
+    ]
+
+
+def test_a_row_holds_the_metrics_of_its_crossing():
+    nominal = SHORT.at(0.5)
+    found = benchmark.score(
+        catalogue.make("cnvc", nominal),
+        SHORT,
+        0.5,
+        name="cnvc",
+        kind="published",
+        reads="feedback",
+    )
+    assert [row.episode for row in found.rows] == [0, 1, 2]
+    a1, a2 = nominal.reference_amplitudes
+    for row in found.rows:
+        assert row.rho == max(row.x1 / a1, row.x2 / a2)
+        assert row.percentage_error_x1 == pytest.approx(100.0 * (a1 / row.x1 - 1.0))
+        assert row.reduction_db_x2 == pytest.approx(20.0 * np.log10(a2 / row.x2))
+        assert 0.0 < row.rms_force_1 <= row.peak_force_1 <= nominal.actuator.limit[0]
+        assert 0.0 <= row.settling_time <= SHORT.duration
+        assert not row.terminated
+    assert found.history.x.shape == (len(found.history.t), 4)
+    renamed = benchmark.for_track(found, track("paper"))
+    assert {row.track for row in renamed.rows} == {"paper"}
+
+
+def test_a_policy_that_reads_more_than_is_shown_is_refused():
+    blind = dataclasses.replace(SHORT, observe="feedback")
+    with pytest.raises(ValueError, match="shows the state alone, policy 'x' reads 'full'"):
+        benchmark.score(
+            catalogue.make("lqr-feedforward"), blind, 1.0, name="x", kind="yours", reads="full"
+        )
+
+
+def test_standings_are_ranked_and_against_cnvc():
+    data = [
+        *rows("cnvc", "published", [0.3, 0.31, 0.32, 0.33]),
+        *rows("good", "tuned", [0.2, 0.21, 0.22, 0.23]),
+        *rows("bad", "learned", [0.5, 0.5, 0.5, 0.5]),
+    ]
+    found = standings(data, {("budget", 0.5): [0.2] * 4})
+    assert [each.policy for each in found] == ["good", "cnvc", "bad"]
+    assert found[0].improvement.value == 1.0
+    assert found[1].improvement is None
+    assert found[2].improvement.value == 0.0
+    assert found[0].over_optimum == pytest.approx(found[0].rho.value / 0.2)
+    assert found[0].rho.low <= found[0].rho.value <= found[0].rho.high
+
+
+def test_another_policy_changes_nobody_elses_interval():
+    data = rows("cnvc", "published", [0.3, 0.31, 0.4, 0.33])
+    bounds = {("budget", 0.5): [0.2] * 4}
+    alone = standings(data, bounds)[0]
+    beside = standings([*rows("other", "yours", [0.1, 0.2, 0.3, 0.1]), *data], bounds)
+    assert alone in beside
+
+
+@pytest.mark.parametrize(
+    ("linear", "cubic", "said"),
+    [
+        ([0.20, 0.21, 0.22, 0.21], [0.30, 0.31, 0.32, 0.31], "lnvc (tuned), beats the cubic"),
+        ([0.30, 0.31, 0.32, 0.31], [0.20, 0.21, 0.22, 0.21], "beats linear velocity feedback"),
+        ([0.30, 0.31, 0.32, 0.31], [0.30, 0.31, 0.32, 0.31], "leave the same"),
+    ],
+)
+def test_what_is_found_is_said_whichever_way_it_goes(linear, cubic, said):
+    data = [*rows("cnvc (tuned)", "tuned", cubic), *rows("lnvc (tuned)", "tuned", linear)]
+    sentences = findings(standings(data, {("budget", 0.5): [0.2] * 4}))
+    assert any(said in sentence for sentence in sentences)
+    best = min(np.median(linear), np.median(cubic))
+    assert any(f"{best:.4f}" in sentence for sentence in sentences)
+
+
+def test_the_optimum_of_crossings_that_are_alike_knows_the_control_interval():
+    alike = benchmark.optimum_of(SHORT, 0.5)
+    assert len(alike) == 3
+    assert alike[0].lower <= alike[0].upper <= alike[0].held * 1.01
+    varied = dataclasses.replace(track("randomised"), episodes=2)
+    assert [bound.held for bound in benchmark.optimum_of(varied, 0.5)] == [None, None]
