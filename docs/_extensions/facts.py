@@ -14,6 +14,7 @@ import ast
 import dataclasses
 import importlib
 import inspect
+import json
 import math
 import re
 import textwrap
@@ -23,9 +24,11 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
+from baselines import catalogue
 from qcar_env.control import LAWS
 from qcar_env.envs import task
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
+from qcar_env.evaluation.tracks import TRACKS
 from qcar_env.physics.car import UNITS
 from qcar_env.physics.linear import modes
 from qcar_env.scenarios import SCENARIOS, Scenario
@@ -196,6 +199,65 @@ def _statement(tree: ast.Module, line: int, code: str) -> str:
     return code.strip().replace("|", "\\|")
 
 
+def tracks() -> str:
+    """Return the benchmark's tracks."""
+    rows = []
+    for each in TRACKS.values():
+        limits = ", ".join(f"{scale:g}" for scale in each.force_scales)
+        rows.append(
+            [
+                f"`{each.name}`",
+                f"{each.title} (version {each.version})",
+                limits,
+                each.observe,
+                str(each.episodes),
+                f"{each.duration:g} s",
+            ]
+        )
+    return _table(["track", "what", "force limits", "shown", "crossings", "each"], rows)
+
+
+def baselines() -> str:
+    """Return the scripted policies with what they read."""
+    rows = []
+    tuned = {name for name, _, _ in catalogue.tuned()}
+    for name in catalogue.everything():
+        found = catalogue.describe(name)
+        gains = ", ".join(
+            f"{key} = {value:g}" for key, value in found["gains"].items() if value is not None
+        )
+        reads = "the state" if found["reads"] == "feedback" else "road and external force too"
+        rows.append([f"`{name}`", gains or "-", reads, "yes" if name in tuned else "no"])
+    return _table(["name", "published or designed gains", "reads", "tuned"], rows)
+
+
+def agents() -> str:
+    """Return the shipped agents with their results on the validation set."""
+    rows = []
+    for path in sorted((ROOT / "agents" / "pretrained").glob("*/recipe.json")):
+        recipe = json.loads(path.read_text(encoding="utf-8"))
+        limits = ", ".join(f"{scale:g}" for scale in recipe["force_scales"])
+        size = path.with_name("policy.onnx").stat().st_size / 1024
+        rows.append([f"`{path.parent.name}`", recipe["observe"], limits, f"{size:.0f} KiB"])
+    if not rows:
+        return "This version ships none; train one as above."
+    return _table(["name", "reads", "force limits", "file"], rows)
+
+
+def throughput() -> str:
+    """Return the table of `make throughput`: of the machine that builds, or of the one kept."""
+    from scripts.throughput import table
+
+    for path in (
+        ROOT / "results" / "throughput" / "throughput.json",
+        ROOT / "docs" / "_static" / "throughput.json",
+    ):
+        if path.exists():
+            found = table(json.loads(path.read_text(encoding="utf-8")))
+            return found if found.lstrip().startswith("|") else f"```text\n{found}\n```"
+    return "The machine that built this page has not been measured."
+
+
 def layers() -> str:
     """Return the import layers of pyproject.toml."""
     if (module := _toml()) is None:
@@ -237,6 +299,8 @@ FACTS: dict[str, Callable[[], str]] = {
     each.__name__: each
     for each in (
         actions,
+        agents,
+        baselines,
         commands,
         environment,
         equations,
@@ -244,6 +308,8 @@ FACTS: dict[str, Callable[[], str]] = {
         layers,
         observations,
         scenarios,
+        throughput,
+        tracks,
         versions,
     )
 }

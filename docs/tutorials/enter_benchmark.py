@@ -1,0 +1,86 @@
+"""Enter a policy of your own into the benchmark.
+
+python docs/tutorials/enter_benchmark.py
+"""
+
+# %% [markdown]
+# # Enter the benchmark
+#
+# A policy is anything with the `predict` of Stable-Baselines3: it takes observations of n cars
+# and returns forces over their limits. Here is one in ten lines, scored beside CNVC and the
+# optimum.
+
+# %%
+import dataclasses
+import sys
+
+import numpy as np
+
+from baselines import catalogue
+from qcar_env.evaluation.benchmark import optimum_of, score
+from qcar_env.evaluation.tracks import TRACKS
+
+SHORT = "--short" in sys.argv
+
+# %% [markdown]
+# ## The policy
+#
+# Entries 2 and 3 of the observation are the velocities in units of the uncontrolled motion.
+# `reads` says what the policy must be shown: `feedback` is the state, `full` has road and
+# external force as well. The one argument of `__init__` is the scenario with its force limit, for
+# policies that want to know it.
+
+
+# %%
+class Sign:
+    """Push against each velocity, as hard as a soft sign function says."""
+
+    name = "soft sign"
+    reads = "feedback"
+
+    def __init__(self, scenario):
+        self.width = 0.01  # of the uncontrolled velocity
+
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        """Return forces over their limits, and no memory."""
+        velocity = np.asarray(observation)[..., 2:4]
+        return -np.tanh(velocity / self.width).astype(np.float32), None
+
+
+# %% [markdown]
+# ## The score
+#
+# A track fixes crossings, force limits, what is shown and how long it lasts. rho is the larger of
+# the two steady amplitudes over those without control; the optimum is certified: no force within
+# the limit does better.
+
+# %%
+track = TRACKS["budget"]
+if SHORT:
+    track = dataclasses.replace(track, episodes=2, duration=10.0, force_scales=(1.0,))
+for scale in track.force_scales:
+    nominal = track.at(scale)
+    entered = {"soft sign": Sign(nominal), "cnvc": catalogue.make("cnvc", nominal)}
+    best = np.mean([bound.lower for bound in optimum_of(track, scale)])
+    line = f"force limit x {scale:g}: optimum {best:.4f}"
+    for name, policy in entered.items():
+        found = score(policy, track, scale, name=name, kind="yours", reads="feedback")
+        line += f", {name} {np.mean([row.rho for row in found.rows]):.4f}"
+    print(line)
+
+# %% [markdown]
+# ## The leaderboard
+#
+# With the class in a file `my_policy.py` the command scores it on every track that it may enter,
+# beside every baseline and shipped agent, with intervals, and writes tables, figures and a page:
+#
+# ```sh
+# python scripts/benchmark.py --policy my_policy:Sign --report
+# ```
+#
+# A trained network enters as an ONNX file (observation in, action out), or as the run folder of
+# `scripts/train.py`:
+#
+# ```sh
+# python scripts/benchmark.py --policy runs/sac-paper-seed0 --tracks paper budget
+# ```
