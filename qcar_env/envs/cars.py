@@ -285,6 +285,12 @@ class Cars:
         chosen = parts[:, row : row + count].transpose(1, 0, 2).reshape(count, -1)[:, : self.n]
         return chosen.astype(FLOAT)
 
+    def stagger(self, elapsed: NDArray[np.int64]) -> None:
+        """Set the control intervals that the cars' episodes have lasted, (n,)."""
+        parts = self._slabs.reshape(self._blocks, engine_sampled.ROWS, engine.LANES)
+        for i, count in enumerate(elapsed.tolist()):
+            parts[i // engine.LANES, engine_sampled.ELAPSED, i % engine.LANES] = count
+
     @property
     def states(self) -> NDArray[np.float64]:
         """States (x1, x2, v1, v2) [m, m, m/s, m/s], shape (n, 4)."""
@@ -294,6 +300,12 @@ class Cars:
     def done(self) -> NDArray[np.bool_]:
         """Which episodes are over and not begun again, shape (n,)."""
         return self.row(engine_sampled.DONE)[0] > 0.0
+
+    def phases_of(self, cars: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Return the phase of some cars' roads when their episodes began [rad]."""
+        parts = self._slabs.reshape(self._blocks, engine_sampled.ROWS, engine.LANES)
+        block, lane = np.divmod(cars, engine.LANES)
+        return parts[block, engine_sampled.PHASE, lane].astype(FLOAT)
 
     @property
     def phases(self) -> NDArray[np.float64]:

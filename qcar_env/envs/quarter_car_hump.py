@@ -151,17 +151,19 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             False,
         )
         self._begin = kernels.reset_one
-        self._advance = engine.direct(
-            kernels.step_one,
-            self._car,
-            np.empty(self._action_shape, SHOWN),
-            np.empty(self._shape, SHOWN),
-            np.empty(self._action_shape),
-        )
+        action = np.empty(self._action_shape, SHOWN)
+        self._advance = engine.direct(kernels.step_one, self._car, action)
+        size = self._action_shape[0]
+        self._held = self._car[engine_sampled.HELD :][:size]
+        self._push = self._car[engine_sampled.PUSH :][:size]
+        self._seen = self._car[engine_sampled.SEEN :].view(SHOWN)[: self._shape[0]]
+        self._human = self.render_mode == "human"
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave compiled code and the window behind; they are made anew."""
-        return {**vars(self), "_begin": None, "_advance": None, "_renderer": None}
+        made = ("_begin", "_advance", "_held", "_push", "_seen")
+        kept = {name: value for name, value in vars(self).items() if name not in made}
+        return {**kept, "_renderer": None}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore everything else, and compile."""
@@ -252,16 +254,15 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if base is not self._base:
             self._base = base
             self._take(base)
-        self._car[engine_sampled.DT :] = base.dt, base.substeps
+        self._car[engine_sampled.DT] = base.dt
+        self._car[engine_sampled.SUBSTEPS] = base.substeps
         draws = self.np_random.random(task.DRAWS)
-        observation = np.empty(self._shape, SHOWN)
-        self._begin(self._car, draws, tuple(given), np.array(self._numbers), observation)
+        self._begin(self._car, draws, tuple(given), np.array(self._numbers))
         self._episode = task.draw_factors(draws.tolist(), self._numbers)
-        self._action = np.zeros(self._action_shape, SHOWN)
         if self.render_mode == "human":
             self.render()
         phase = float(self._car[engine_sampled.PHASE])
-        return observation, {"force": np.zeros(self._action_shape), "phase": phase}
+        return self._seen.copy(), {"force": self._push.copy(), "phase": phase}
 
     def step(
         self, action: NDArray[np.float32]
@@ -286,30 +287,40 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         ValueError
             If the action has the wrong shape or is not a number, or the episode is over.
         """
+        if type(action) is not np.ndarray or action.dtype is not SHOWN or action.ndim != 1:
+            action = self._checked(action)
+        code, reward, x1, x2, travel, terminated, truncated = self._advance(self._car, action)
+        if code:
+            return self._step_again(code, action)
+        if self._human:
+            self.render()
+        info = {
+            "force": self._push.copy(),
+            "reward_x1": x1,
+            "reward_x2": x2,
+            "reward_travel": travel,
+        }
+        return self._seen.copy(), reward, terminated, truncated, info
+
+    def _step_again(
+        self, code: int, action: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """Take a step with an action that the engine has not taken as it is, or refuse it."""
+        if code == -3:
+            return self.step(self._checked(action))
+        self._check_running("step")
+        if code == -2:
+            raise ValueError("the episode is over; call reset before the next step")
+        raise ValueError(f"action must be finite, got {action}; allowed range is [-1, 1]")
+
+    def _checked(self, action: Any) -> NDArray[np.float32]:
         a = np.asarray(action, SHOWN, "C")
         if a.shape != self._action_shape:
             raise ValueError(
                 f"action must have shape {self._action_shape}, got {a.shape}; "
                 "give one number for each actuator"
             )
-        observation = np.empty(self._shape, SHOWN)
-        force = np.empty(self._action_shape)
-        code, reward, x1, x2, travel, terminated, truncated = self._advance(
-            self._car, a, observation, force
-        )
-        if code:
-            self._refuse(a)
-        self._action = a
-        if self.render_mode == "human":
-            self.render()
-        info = {"force": force, "reward_x1": x1, "reward_x2": x2, "reward_travel": travel}
-        return observation, reward, terminated, truncated, info
-
-    def _refuse(self, action: NDArray[np.float32]) -> None:
-        self._check_running("step")
-        if self._car[engine_sampled.DONE]:
-            raise ValueError("the episode is over; call reset before the next step")
-        raise ValueError(f"action must be finite, got {action}; allowed range is [-1, 1]")
+        return a
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a frame (480, 640, 3) in the mode "rgb_array"; show it in the mode "human".
@@ -357,7 +368,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             time=self.time,
             elapsed=self._elapsed * self._base.dt,
             state=self.state,
-            action=tuple(np.clip(self._action, -1.0, 1.0).tolist()),
+            action=tuple(self._held.tolist()),
         )
 
     def close(self) -> None:

@@ -345,34 +345,28 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         """Separate what is said of the cars that have begun again from the others."""
         fresh = self._cars.restarted.copy()
         self._cars.restarted[:] = False
+        cars = np.flatnonzero(fresh)
         stay = ~fresh
-        begun: dict[str, Any] = {
-            "force": info["force"] * stay[:, np.newaxis],
-            "_force": np.ones_like(stay),
-        }
-        for name in TERMS if stay.any() else ():
-            begun[name] = np.where(stay, info[name], 0.0)
-            begun[f"_{name}"] = stay.copy()
-        begun["phase"] = np.where(fresh, self._cars.phases, 0.0)
-        begun["_phase"] = fresh
+        last: dict[str, Any] = {}
+        for name in (*TERMS, "force"):
+            last[name] = np.zeros_like(info[name])
+            last[name][cars] = info[name][cars]
+            last[f"_{name}"] = fresh
+            info[name][cars] = 0.0
+            info[f"_{name}"] = stay
+        info["_force"] = self._every
+        if cars.size == self.num_envs:
+            info = {"force": info["force"], "_force": self._every}
+        info["phase"] = np.zeros(self.num_envs)
+        info["phase"][cars] = self._cars.phases_of(cars)
+        info["_phase"] = fresh
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
-            final_obs = np.full(self.num_envs, None, dtype=object)
-            for i in np.flatnonzero(fresh):
-                final_obs[i] = self._cars.finals[i].copy()
-            last: dict[str, Any] = {
-                "force": info["force"] * fresh[:, np.newaxis],
-                "_force": fresh.copy(),
-            }
-            for name in TERMS:
-                last[name] = np.where(fresh, info[name], 0.0)
-                last[f"_{name}"] = fresh.copy()
-            begun |= {
-                "final_obs": final_obs,
-                "_final_obs": fresh.copy(),
-                "final_info": last,
-                "_final_info": fresh.copy(),
-            }
-        return begun
+            final = np.full(self.num_envs, None, dtype=object)
+            for i, seen in zip(cars.tolist(), self._cars.finals[cars], strict=True):
+                final[i] = seen
+            info |= {"final_obs": final, "_final_obs": fresh}
+            info |= {"final_info": last, "_final_info": fresh}
+        return info
 
     def _refuse(self, actions: NDArray[np.float32]) -> None:
         if not self._started:
@@ -424,6 +418,18 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
                 "give one for each car"
             )
         return list(value)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that the cars take [B]."""
+        return self._cars.nbytes
+
+    def stagger(self, elapsed: NDArray[np.int64]) -> None:
+        """Set how many control intervals of their episodes the cars have behind them, (n,).
+
+        For measurements: cars that all began at once would all end in the same step.
+        """
+        self._cars.stagger(elapsed)
 
     def assign(self, chosen: Sequence[int] | NDArray[np.intp], **options: Any) -> None:
         """Let cars draw their next episodes from another `scenario` or with another `force_scale`.

@@ -297,3 +297,35 @@ def cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+PEAK_WIDTH = 512  # numbers that `multiply_add` works on, in the first-level cache
+PEAK_LENGTH = 16  # multiply-adds of each number in one pass, unrolled
+
+
+def multiply_add(repeats: int) -> float:
+    """Multiply and add, and do nothing else: the yardstick of the other kernels.
+
+    Parameters
+    ----------
+    repeats : int
+        Passes of ``PEAK_WIDTH * PEAK_LENGTH`` fused multiply-adds in double precision.
+
+    Returns
+    -------
+    float
+        A number that nobody needs, so that the work is not left out.
+    """
+    return _multiply_add(aligned((PEAK_WIDTH,)), repeats)
+
+
+@numba.njit(cache=True, nogil=True, boundscheck=False, fastmath={"contract"})
+def _multiply_add(x: Any, repeats: Any) -> Any:
+    a, b = 0.999999, 1e-6
+    for _ in range(repeats):
+        for j in range(PEAK_WIDTH):
+            y = x[j]
+            for _ in range(PEAK_LENGTH):
+                y = y * a + b
+            x[j] = y
+    return x[0]

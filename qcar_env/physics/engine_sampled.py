@@ -66,7 +66,10 @@ ROWS = 52
 # What a single car has behind them.
 DT = ROWS  # control interval [s]
 SUBSTEPS = ROWS + 1  # integration steps in it [-]
-ONE_CAR = ROWS + 2
+HELD = ROWS + 2  # the actions of the last interval, within [-1, 1]
+PUSH = ROWS + 4  # and their forces [m/s^2] or [N]
+SEEN = ROWS + 6  # observation: up to nine numbers in single precision
+ONE_CAR = ROWS + 11
 
 # Rows of what is passed on within an interval.
 FORCE = 0  # u1, u2 held [m/s^2]
@@ -312,9 +315,10 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
 
     ``reset(slabs, quiet, streams, nominals, which, mask, given, dt, observations)`` begins
     episodes of the cars in `mask` (n,) and writes all observations; given (n, 5) has states and
-    phases, drawn where they are not a number. ``reset_one`` and ``step_one`` do the same for one
-    car, a slab (ROWS,) by itself; `step_one` returns ``(code, reward, its terms x1, x2, travel,
-    terminated, truncated, the forces)``.
+    phases, drawn where they are not a number. ``reset_one(car, draws, given, nominal)`` and
+    ``step_one(car, action)`` do the same for one car, a slab (ONE_CAR,) by itself, and leave
+    observation and forces in it; `step_one` returns ``(code, reward, its terms x1, x2, travel,
+    terminated, truncated)``, with the code -3 for an action that is not m numbers in a row.
     """
     sources = source_stamp(task.begin, uniform)
     size = entries + int(with_limit)
@@ -347,17 +351,21 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
     begin = compiled_apart(task.begin)
 
     @kernel
-    def reset_one(car: Any, draws: Any, given: Any, nominal: Any, observation: Any) -> None:
+    def reset_one(car: Any, draws: Any, given: Any, nominal: Any) -> None:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         numbers = load(nominal, 1, 0, 0, Nominal)
         start_car(car, 1, 0, draws, given, numbers, draw_factors, draw_motion, begin)
-        show(car, 1, 0, observation, observe, bounded, Scales, entries, with_limit, limit)
+        store(car, 1, HELD, 0, (0.0, 0.0, 0.0, 0.0))
+        seen = car[SEEN:].view(np.float32)
+        show(car, 1, 0, seen, observe, bounded, Scales, entries, with_limit, limit)
 
     @kernel
-    def step_one(car: Any, action: Any, observation: Any, force: Any) -> Any:
+    def step_one(car: Any, action: Any) -> Any:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         if car[DONE] > 0.0:
             return -2, 0.0, 0.0, 0.0, 0.0, False, False
+        if action.shape[0] != actions or action.strides[0] != action.itemsize:
+            return -3, 0.0, 0.0, 0.0, 0.0, False, False
         first, last = np.float64(action[0]), np.float64(action[actions - 1])
         if not (abs(first) <= HIGHEST and abs(last) <= HIGHEST):
             return -1, 0.0, 0.0, 0.0, 0.0, False, False
@@ -375,11 +383,10 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
         penalty = -fine(scales) if terminated else 0.0
         truncated = elapsed >= car[LAST] and not terminated
         car[DONE] = 1.0 if terminated or truncated else 0.0
-        show(car, 1, 0, observation, observe, bounded, Scales, entries, with_limit, limit)
+        seen = car[SEEN:].view(np.float32)
+        show(car, 1, 0, seen, observe, bounded, Scales, entries, with_limit, limit)
         forces = load(car, 1, FORCES, 0, Limits)
-        force[0] = first * forces.u1
-        if actions == 2:
-            force[1] = last * forces.u2
+        store(car, 1, HELD, 0, (first, last, first * forces.u1, last * forces.u2))
         return 0, -cost1 - cost2 + penalty, -cost1, -cost2, penalty, terminated, truncated
 
     @kernel
