@@ -37,7 +37,7 @@ SHORT = "--short" in sys.argv
 # %%
 how = recipe("sac", "paper")
 if SHORT:
-    how = dataclasses.replace(how, steps=4096)
+    how = dataclasses.replace(how, steps=1024)
 print(f"{how.name}: {how.cars} cars, {how.steps} control intervals")
 
 # %% [markdown]

@@ -31,10 +31,13 @@
   for (const box of document.querySelectorAll("[data-filter]")) {
     const table = document.querySelector(`[aria-labelledby=${box.dataset.filter}] table`);
     box.addEventListener("input", () => {
-      const words = box.value.toLowerCase().split(/\s+/);
+      const words = box.value.toLowerCase().split(/\s+/).filter(Boolean);
       for (const row of table.tBodies[0].rows) {
-        const text = row.innerText.toLowerCase();
-        row.hidden = !words.every((word) => text.includes(word));
+        // Names are searched for a word, the force limit beside them is equal to a number or not.
+        const keys = [...row.cells].slice(0, 3).map((each) => each.dataset.key.toLowerCase());
+        const matches = (word) => keys.some((key) => (
+          Number.isNaN(Number(key)) ? key.includes(word) : Number(key) === Number(word)));
+        row.hidden = !words.every(matches);
       }
     });
   }
