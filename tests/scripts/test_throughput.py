@@ -1,0 +1,85 @@
+"""The measurement: its operation count, its ratios and its command."""
+
+import operator
+
+import pytest
+
+from qcar_env.physics.dynamics import Coefficients, rate
+from qcar_env.physics.forcing import Amplitudes, World
+from qcar_env.physics.motion import substep
+from qcar_env.physics.rk4 import Step
+from qcar_env.physics.roads import Phasor
+from qcar_env.physics.state import State
+from scripts import throughput
+
+
+class Counted:
+    """A number that notes every distinct operation that is done on it."""
+
+    done: dict
+
+    def __init__(self, key):
+        self.key = key
+
+    def _do(self, sign, other):
+        key = (sign, self.key, other.key)
+        return Counted.done.setdefault(key, Counted(len(Counted.done)))
+
+    def __add__(self, other):
+        return self._do("+", other)
+
+    def __sub__(self, other):
+        return self._do("-", other)
+
+    def __mul__(self, other):
+        return self._do("*", other)
+
+
+def count_operations():
+    """Count the additions and products of one step, each distinct one once."""
+    Counted.done = {}
+
+    def new(kind):
+        return kind(*(Counted(f"{kind.__name__}.{name}") for name in kind._fields))
+
+    world, by = (World(new(Phasor), Phasor(Counted(i), Counted(i + "'"))) for i in "ab")
+    by = World(Phasor(Counted("c"), Counted("d")), by.force)
+    u = (Counted("u1"), Counted("u2"))
+    substep(new(State), world, by, new(Amplitudes), new(Step), *u, new(Coefficients))
+    squares = 2  # omega1^2 and omega2^2 stay the same in all steps
+    return len(Counted.done) - squares
+
+
+def test_the_operations_of_a_step_are_counted_from_the_source():
+    assert rate is not None
+    assert operator.eq(count_operations(), throughput.OPERATIONS)
+
+
+def test_ratios_are_taken_round_by_round():
+    fast = throughput.Timing(name="fast", seconds=(1.0, 2.0, 1.0, 1.0))
+    slow = throughput.Timing(name="slow", seconds=(3.0, 6.0, 3.0, 3.0))
+    assert fast.times_faster_than(slow) == (3.0, 3.0, 3.0)
+
+
+def test_candidates_are_timed_in_every_round():
+    calls = []
+    work = throughput.Candidate(
+        name="sum", run=lambda n: calls.append(sum(range(2000 * n))), steps=2
+    )
+    (timing,) = throughput.interleave([work], 4)
+    assert len(timing.seconds) == 4
+    assert 0.0 < timing.median < 1e-3
+
+
+def test_a_wrong_number_is_refused(capsys):
+    assert throughput.main(["--rounds", "1"]) == 2
+    assert "rounds must be at least 3" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_command_writes_its_result(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(throughput, "SLICE", 0.001)
+    monkeypatch.setattr(throughput, "PROCESSES", 1)
+    assert throughput.main(["--rounds", "3", "--num-envs", "1", "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "throughput.json").exists()
+    assert "CartPoleVectorEnv 1" in capsys.readouterr().out
