@@ -103,6 +103,19 @@ DESIGNED: Mapping[str, Callable[..., Any]] = MappingProxyType(
 )
 WITHOUT_PUBLISHED = ("state", "linear")
 
+# What a policy needs beside its gains: what it reads at each sample, and what it was designed on.
+STATE = "state"
+NEEDS: Mapping[str, str] = MappingProxyType(
+    {
+        "lqr": "state; designed on the car",
+        "lqr-feedforward": "state, road and force now; designed on car and forcing frequency",
+        "lqr-model": "state; designed on car and forcing frequency",
+        "mpc": "state, road and force now, continued over 60 ms of preview; designed on the car "
+        "and planned for the one road and force",
+        "linear": "state, road and force now",
+    }
+)
+
 
 def names() -> tuple[str, ...]:
     """Return the names of the paper's laws."""
@@ -155,20 +168,34 @@ def gain_names(name: str) -> tuple[str, ...]:
 
 
 def describe(name: str) -> dict[str, Any]:
-    """Return what a baseline reads and its published gains."""
+    """Return what a baseline reads and needs, and its published gains.
+
+    Returns
+    -------
+    dict
+        `name`; `reads`, ``"feedback"`` or ``"full"``; `needs`, in words; `gains`.
+    """
     known("baseline", name, everything())
+    needs = NEEDS.get(name, STATE)
     if name in LAW_POLICIES:
         law = LAW_POLICIES[name]()
-        return {"name": law.name, "reads": LawPolicy.reads, "gains": dataclasses.asdict(law)}
+        gains = dataclasses.asdict(law)
+        return {"name": law.name, "reads": LawPolicy.reads, "needs": needs, "gains": gains}
     if name in WITHOUT_PUBLISHED:
-        return {"name": name, "reads": "feedback" if name == "state" else "full", "gains": {}}
-    policy = DESIGNED[name](find_scenario("paper"))
+        reads = "feedback" if name == "state" else "full"
+        return {"name": name, "reads": reads, "needs": needs, "gains": {}}
+    policy = _designed(name)
     defaults = {
         key: parameter.default
         for key, parameter in inspect.signature(DESIGNED[name]).parameters.items()
         if parameter.default is not inspect.Parameter.empty
     }
-    return {"name": policy.name, "reads": policy.reads, "gains": defaults}
+    return {"name": policy.name, "reads": policy.reads, "needs": needs, "gains": defaults}
+
+
+@lru_cache(maxsize=None)
+def _designed(name: str) -> Any:
+    return DESIGNED[name](find_scenario("paper"))
 
 
 @lru_cache(maxsize=1)
