@@ -6,7 +6,7 @@ import dataclasses
 import inspect
 import json
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -193,7 +193,7 @@ def describe(name: str) -> dict[str, Any]:
     return {"name": policy.name, "reads": policy.reads, "needs": needs, "gains": defaults}
 
 
-@lru_cache(maxsize=None)
+@cache
 def _designed(name: str) -> Any:
     return DESIGNED[name](find_scenario("paper"))
 
