@@ -10,7 +10,7 @@ import argparse
 import csv
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 
 from qcar_env.analysis import chaos, paper_experiments as experiments, stability
 from qcar_env.analysis.forced_car import ForcedCar, from_scenario, stack, sweep
-from qcar_env.analysis.frequency_response import Response, response
+from qcar_env.analysis.frequency_response import Response, fixed_points, response
 from qcar_env.analysis.hardening import Hardening
 from qcar_env.analysis.simulate import Simulation
 from qcar_env.analysis.table1 import table1
@@ -93,9 +93,9 @@ def figure_4(task: Task) -> Made:
     curves = _curves(task)
     return paper_figures.responses(curves), (
         "Averaged steady-state amplitudes against (a) sigma1 and (b) sigma2, the other detuning "
-        "zero, without control and with CNVC (G = 1.2 s/m²); coefficients frozen at omega. Every "
-        "point is stable: the paper's 'stable in the right branch, unstable in the left' was not "
-        "found with any correct reading of its equations (there is one branch and no fold)."
+        "zero, without control and with CNVC (G = 1.2 s/m²); coefficients frozen at omega. "
+        f"{_stability(curves['sigma1'], curves['sigma2'])}: the paper's 'stable in the right "
+        "branch, unstable in the left' was not found with any correct reading of its equations."
     )
 
 
@@ -105,16 +105,20 @@ def _effects(number: int) -> Callable[[Task], Made]:
     def make(task: Task) -> Made:
         names = list(effects.claims)[:3] if task.quick else list(effects.claims)
         car = task.under("cnvc")
-        panels = {name: experiments.parameter_effect(car, effects, name) for name in names}
+        curves = {name: experiments.parameter_effect(car, effects, name) for name in names}
+        panels = {
+            name: {str(number): curve.response for number, curve in enumerate(each)}
+            for name, each in curves.items()
+        }
         found = [t for t in experiments.trends(car) if t.figure == number]
         kinds = {
             kind: ", ".join(t.parameter for t in found if t.verdict == kind) or "none"
             for kind in ("holds", "negligible", "contradicts")
         }
-        return paper_figures.parameter_effects(effects, panels), (
+        return paper_figures.parameter_effects(effects, curves), (
             f"Effect of each parameter on {effects.amplitude} against {effects.against} under CNVC "
-            "(G = 1.2 s/m²), averaged; every motion is stable. Each parameter at 0.7, 1 and 1.3 "
-            "times its value, f at the preset's, 60 and 100 m/s². At given detunings no frequency "
+            f"(G = 1.2 s/m²), averaged. {_stability(*panels.values())}. Each parameter at "
+            "0.7, 1 and 1.3 times its value, f at the preset's, 60 and 100 m/s². At given detunings no frequency "
             "moves alone (omega_i = omega + sigma_i): omega, omega1 and omega2 scale all of them "
             "together, so these panels are alike. Statements of section 5.2 that hold: "
             f"{kinds['holds']}; effect under 1 %: {kinds['negligible']}; contradicted: "
@@ -174,10 +178,10 @@ def figure_11(task: Task) -> Made:
     both = [
         experiments.step_hump(task.car, laws, duration=2.0, with_force=w) for w in (False, True)
     ]
-    end = float(both[0]["none"].x1[-1])
+    static = task.car.car.mu1 * task.car.h / task.car.car.omega1**2
     return paper_figures.step_hump(*both), (
         "Answer from rest to the step hump y = h, (a) without and (b) with the external force. "
-        f"The wheel comes to rest at {end:.3f} m (mu1 h/omega1²) and the body hardly moves. "
+        f"The wheel settles about {static:.3f} m (mu1 h/omega1²) and the body hardly moves. "
         "'Very small' amplitudes and 'no benefit from control', as the paper says, are seen only "
         "without the external force; with it the body resonates and control matters. The paper "
         "does not state whether f acts here, nor which two controls it compares."
@@ -209,15 +213,19 @@ def figure_12(task: Task) -> Made:
             "PD, p = 30, d = 1.2": ("pd", run(PD())),
         },
     ]
+    forces = {
+        name: (_steady(motion.u1), _steady(motion.u2))
+        for row in rows
+        for name, (_, motion) in row.items()
+    }
+    cubic, linear = forces["CNVC, G = 1.2"], forces["LNVC, G = 1.2"]
     return paper_figures.law_comparison(rows, task.period, 20.0), (
         "Largest displacement of each period, from rest, under (a) PPF at two gains, (b) "
         "CNVC and NDF, (c) LNVC and PD, the laws that the paper names but does not draw. The "
         "paper prints no filter for PPF and NDF; ours are the literature's with calibrated "
         "damping. At equal gain CNVC leaves the least, as the paper says; equal gain is not equal "
-        "force (its steady peak forces are 278 and 32 m/s², those of LNVC 39 and 26 m/s²)."
-        if task.preset.name == "paper"
-        else "Largest displacement of each period, from rest, under (a) PPF at two gains, "
-        "(b) CNVC and NDF, (c) LNVC and PD."
+        f"force (steady peaks of CNVC with G = 1.2: {cubic[0]:.0f} and {cubic[1]:.0f} m/s², of "
+        f"LNVC with G = 1.2: {linear[0]:.0f} and {linear[1]:.0f} m/s²)."
     )
 
 
@@ -258,12 +266,13 @@ def figure_14(task: Task) -> Made:
         }
         for d in DETUNINGS
     }  # fmt: skip
+    errors = _errors(task, simulated)
     return paper_figures.responses(curves, simulated, exact), (
         "As Fig. 4, with the largest displacement of simulations of 80 s on it (circles) and "
         "harmonic balance (dotted; one harmonic without control, five with). Averaging with frozen "
-        "coefficients is within 2 % for |sigma| <= 1 and 5 % to |sigma| = 5 rad/s and leaves the "
-        "points further out (19 % at 20 rad/s): the agreement that the paper reports holds near "
-        "resonance. Harmonic balance stays on the points everywhere."
+        f"coefficients is within {errors[1]:.1f} % for |sigma| <= 1, {errors[5]:.1f} % for |sigma| "
+        f"<= 5 and {errors[20]:.0f} % for |sigma| <= 20 rad/s: the agreement that the paper "
+        "reports holds near resonance. Harmonic balance stays on the points everywhere."
     )
 
 
@@ -452,6 +461,30 @@ def _curves(task: Task) -> dict[str, dict[str, Response]]:
     return {
         d: {law: experiments.response_of(task.under(law), d) for law in LAWS} for d in DETUNINGS
     }
+
+
+def _stability(*groups: Mapping[str, Response]) -> str:
+    """Say in words whether all motions of some responses are stable."""
+    curves = [curve for group in groups for curve in group.values()]
+    folds = sum(len(curve.folds) for curve in curves)
+    if all(bool(curve.stable.all()) and curve.complete for curve in curves) and not folds:
+        return "Every motion is stable and there is no fold"
+    return f"Dashed motions are unstable; {folds} folds"
+
+
+def _errors(
+    task: Task, simulated: Mapping[str, Mapping[str, experiments.SimulatedPoints]]
+) -> dict[int, float]:
+    """Return the largest error of averaging [%] for |sigma| up to some limits [rad/s]."""
+    largest = dict.fromkeys((1, 5, 20), 0.0)
+    for against, by_law in simulated.items():
+        for law, truth in by_law.items():
+            found = fixed_points(stack(list(sweep(task.under(law), against, truth.values))))
+            error = np.maximum(np.abs(found.a1 / truth.a1 - 1.0), np.abs(found.a2 / truth.a2 - 1.0))
+            for limit in largest:
+                worst = 100.0 * float(error[np.abs(truth.values) <= limit].max())
+                largest[limit] = max(largest[limit], worst)
+    return largest
 
 
 def _steady(x: np.ndarray) -> float:
