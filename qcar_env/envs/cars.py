@@ -74,6 +74,7 @@ class Cars:
         self.actions = scenario.actuator.size
         self.finals = np.empty((self.n, self.size), SHOWN)
         self.restarted = np.zeros(self.n, BOOL)
+        self.restart_phases = np.zeros(self.n)
         self._entries = task.observation_size(observe, False)
         self._with_limit = observe_limit
         self._single = single
@@ -122,6 +123,7 @@ class Cars:
             self._scratch,
             self.finals,
             self.restarted,
+            self.restart_phases,
         ]
         addresses = [each.ctypes.data for each in arrays]
         self._held = np.array([*addresses, len(self._nominals)], np.int64)
@@ -301,12 +303,6 @@ class Cars:
         """Which episodes are over and not begun again, shape (n,)."""
         return self.row(engine_sampled.DONE)[0] > 0.0
 
-    def phases_of(self, cars: NDArray[np.intp]) -> NDArray[np.float64]:
-        """Return the phase of some cars' roads when their episodes began [rad]."""
-        parts = self._slabs.reshape(self._blocks, engine_sampled.ROWS, engine.LANES)
-        block, lane = np.divmod(cars, engine.LANES)
-        return parts[block, engine_sampled.PHASE, lane].astype(FLOAT)
-
     @property
     def phases(self) -> NDArray[np.float64]:
         """Phase of each car's road when its episode began [rad], shape (n,)."""
@@ -315,5 +311,6 @@ class Cars:
     @property
     def nbytes(self) -> int:
         """Memory that the cars take [B]."""
-        held = (self._slabs, self._quiet, self._streams, self._which, self.finals, self.restarted)
-        return sum(each.nbytes for each in held)
+        shared = (self._slabs, self._quiet, self._streams, self._which)
+        own = (self.finals, self.restarted, self.restart_phases)
+        return sum(each.nbytes for each in (*shared, *own))

@@ -344,28 +344,26 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     def _after_restarts(self, info: dict[str, Any]) -> dict[str, Any]:
         """Separate what is said of the cars that have begun again from the others."""
         fresh = self._cars.restarted.copy()
-        self._cars.restarted[:] = False
-        cars = np.flatnonzero(fresh)
+        self._cars.restarted.fill(False)
         stay = ~fresh
-        last: dict[str, Any] = {}
-        for name in (*TERMS, "force"):
-            last[name] = np.zeros_like(info[name])
-            last[name][cars] = info[name][cars]
-            last[f"_{name}"] = fresh
-            info[name][cars] = 0.0
-            info[f"_{name}"] = stay
-        info["_force"] = self._every
-        if cars.size == self.num_envs:
-            info = {"force": info["force"], "_force": self._every}
-        info["phase"] = np.zeros(self.num_envs)
-        info["phase"][cars] = self._cars.phases_of(cars)
-        info["_phase"] = fresh
+        info |= {"_reward_x1": stay, "_reward_x2": stay, "_reward_travel": stay}
+        info |= {"phase": self._cars.restart_phases * fresh, "_phase": fresh}
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
+            cars = np.flatnonzero(fresh)
+            last: dict[str, Any] = {}
+            for name in ("force", *TERMS):
+                last[name] = np.zeros_like(info[name])
+                last[name][cars] = info[name][cars]
+                last[f"_{name}"] = fresh
+                info[name][cars] = 0.0  # as after the reset
             final = np.full(self.num_envs, None, dtype=object)
             for i, seen in zip(cars.tolist(), self._cars.finals[cars], strict=True):
                 final[i] = seen
             info |= {"final_obs": final, "_final_obs": fresh}
             info |= {"final_info": last, "_final_info": fresh}
+        if not stay.any():
+            for name in TERMS:
+                del info[name], info[f"_{name}"]
         return info
 
     def _refuse(self, actions: NDArray[np.float32]) -> None:

@@ -304,7 +304,7 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
       int64, scenarios, and which one each car draws its episodes from; scratch (workers,
       SCRATCH_SIZE); finals (n, size) of float32 and restarted (n,) of bool, the last observations
       of the cars that were over and begun again within this step, and which cars have begun again
-      (never cleared here); and at last the number k;
+      (never cleared here); phases (n,), of the roads of those; and at last the number k;
     - settings: dt, substeps, mode (`DISABLED`, `NEXT_STEP` or `SAME_STEP`), and the `Step`;
     - actions (n, m) of float32; observations (n, size) of float32, numbers (4 + m, n) and ends
       (2, n) of bool, which are written: reward, its terms, the forces; terminated, truncated.
@@ -445,7 +445,8 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
         slabs = carray(pointer_at(held[0], real(0)), (end_block, ROWS * LANES))
         quiet = carray(pointer_at(held[1], np.int64(0)), (end_block,))
         streams = carray(pointer_at(held[2], np.uint64(0)), (n, 4))
-        nominals = carray(pointer_at(held[3], 0.0), (held[8], NOMINAL))
+        nominals = carray(pointer_at(held[3], 0.0), (held[9], NOMINAL))
+        phases = carray(pointer_at(held[8], 0.0), (n,))
         which = carray(pointer_at(held[4], np.int64(0)), (n,))
         s = carray(pointer_at(held[5], real(0)), (worker + 1, SCRATCH_SIZE))[worker]
         finals = carray(pointer_at(held[6], np.float32(0)), (n, size))
@@ -605,6 +606,7 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
                         with_limit,
                         limit,
                     )
+                    phases[i] = z[PHASE * LANES + j]
                 quiet[block] = quiet_intervals(z, lanes, dt)
         return 0, finished, begun
 
