@@ -27,6 +27,8 @@ from agents import scoring
 from agents.load import OnnxPolicy
 from agents.recipes import ALGORITHM_TITLES, RECIPES, Recipe
 from agents.train import score_all, train
+from baselines.catalogue import describe
+from baselines.tune import load as load_tuned
 from qcar_env.evaluation.storage import command, replacing, versions, write_csv, write_text
 from qcar_env.evaluation.tracks import episodes
 from qcar_env.physics.validation import known
@@ -95,6 +97,23 @@ def collect(
     return rows, curves
 
 
+def best_tuned(recipe: Recipe, force_scale: float) -> tuple[str, float]:
+    """Return the best tuned classical law with the same information, and its rho [-].
+
+    The rho is that of the validation set, as `scripts/tune.py` stored it; NaN if none is tuned.
+    The tracks `paper` and `feedback` have the crossings of `budget`.
+    """
+    name = "randomised" if recipe.track.name == "randomised" else "budget"
+    found = [
+        (each.validation_rho, each.baseline)
+        for each in load_tuned()
+        if (each.track, each.force_scale) == (name, force_scale)
+        and (recipe.track.observe == "full" or describe(each.baseline)["reads"] == "feedback")
+    ]
+    rho, law = min(found, default=(float("nan"), "none"))
+    return law, rho
+
+
 def interval(values: Sequence[float], rng: np.random.Generator) -> tuple[float, float]:
     """Return the 95 % percentile bootstrap interval of the median of `values`."""
     array = np.asarray(values, dtype=np.float64)
@@ -113,6 +132,7 @@ def _rows(recipe: Recipe, folders: Sequence[Path]) -> list[dict[str, Any]]:
         rho = [each["rho"] for each in at]
         low, high = interval(rho, rng)
         drawn = episodes(recipe.track, "held-out", force_scale=scale)
+        law, tuned = best_tuned(recipe, scale)
         rows.append(
             {
                 "algorithm": recipe.algorithm,
@@ -129,6 +149,8 @@ def _rows(recipe: Recipe, folders: Sequence[Path]) -> list[dict[str, Any]]:
                 "velocity": float(
                     scoring.reference("velocity", recipe.track, scale, drawn).rho.mean()
                 ),
+                "tuned_law": law,
+                "tuned": tuned,
                 "steps": int(np.median([each["steps"] for each in results])),
                 "wall": float(np.median([each["wall_s"] for each in results])),
                 "cpu": float(np.median([each["cpu_s"] for each in results])),
@@ -166,21 +188,23 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
         "x1 and x2 are the largest amplitudes [m]. Median over seeds; the interval is a 95 %",
         "bootstrap of that median. Times are of training alone [s], on one thread.",
         "",
-        "| task | s | algorithm | seeds | x1 | x2 | rho | interval | optimum | velocity | CNVC |"
-        " steps | wall | CPU |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+        "| task | s | algorithm | seeds | x1 | x2 | rho | interval | optimum |"
+        " tuned | velocity | CNVC | steps | wall | CPU |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in sorted(rows, key=lambda each: (each["task"], -each["s"], each["rho"])):
         lines.append(
             f"| {row['task']} | {row['s']:g} | {row['algorithm']} | {row['seeds']} "
             f"| {row['x1']:.5f} | {row['x2']:.5f} | {row['rho']:.4f} "
             f"| {row['low']:.4f} to {row['high']:.4f} | {row['optimum']:.4f} "
-            f"| {row['velocity']:.4f} | {row['cnvc']:.4f} "
-            f"| {row['steps']:,} | {row['wall']:.0f} | {row['cpu']:.0f} |"
+            f"| {row['tuned']:.4f} ({row['tuned_law']}) | {row['velocity']:.4f} "
+            f"| {row['cnvc']:.4f} | {row['steps']:,} | {row['wall']:.0f} | {row['cpu']:.0f} |"
         )
     present = dict.fromkeys(row["algorithm"] for row in rows)
     lines += ["", *(f"- {name}: {ALGORITHM_TITLES[name]}" for name in present)]
     lines += [
+        "- tuned: the best classical law of scripts/tune.py with the same information, its mean",
+        "  rho on the validation set",
         "- velocity: saturated linear velocity feedback with gain 100 1/s on both masses",
         "- CNVC: the paper's law with its gain 1.2, saturated at the same limit",
         "",
@@ -219,6 +243,7 @@ def _figure(task: str, points: Sequence[dict[str, Any]], out: Path) -> None:
             {
                 "CNVC": float(scoring.reference("cnvc", recipe.track, scale).rho[0]),
                 "velocity": float(scoring.reference("velocity", recipe.track, scale).rho[0]),
+                f"tuned {best_tuned(recipe, scale)[0]}": best_tuned(recipe, scale)[1],
                 "optimum": scoring.optimum(recipe.track.at(scale)),
             },
         )
