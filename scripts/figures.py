@@ -118,7 +118,8 @@ def _effects(number: int) -> Callable[[Task], Made]:
         return paper_figures.parameter_effects(effects, curves), (
             f"Effect of each parameter on {effects.amplitude} against {effects.against} under CNVC "
             f"(G = 1.2 s/m²), averaged. {_stability(*panels.values())}. Each parameter at "
-            "0.7, 1 and 1.3 times its value, f at the preset's, 60 and 100 m/s². At given detunings no frequency "
+            "0.7, 1 and 1.3 times its value, f at the preset's, 60 and 100 m/s². At given "
+            "detunings no frequency "
             "moves alone (omega_i = omega + sigma_i): omega, omega1 and omega2 scale all of them "
             "together, so these panels are alike. Statements of section 5.2 that hold: "
             f"{kinds['holds']}; effect under 1 %: {kinds['negligible']}; contradicted: "
