@@ -16,6 +16,7 @@ from qcar_env.plots.style import DOUBLE_COLUMN, Line, line
 Array = NDArray[np.float64]
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
+DECADE = 10.0  # ratio of values from which an axis is logarithmic
 SMALLEST = 1e-5  # [-] lower edge of logarithmic axes: stillness for any purpose
 
 # Policies that every figure may show, in this order, with one look each.
@@ -262,7 +263,9 @@ def robustness(ax: Axes, policies: Mapping[str, ArrayLike], bound: ArrayLike) ->
             linewidth=1.6 if name == "optimum" else 1.0,
             label=style.label,
         )
-    ax.set_xscale("log")
+    drawn = np.concatenate([np.asarray(ax_line.get_xdata()) for ax_line in ax.get_lines()])
+    if float(drawn.max()) > DECADE * float(drawn.min()):
+        ax.set_xscale("log")
     ax.set_ylim(0.0, 1.02)
     ax.set_xlabel(r"vibration left, $\rho$ [-]")
     return ax
