@@ -80,7 +80,7 @@ clean: ## remove .venv, caches and builds (results stay)
 extras_compare := plots
 extras_report := plots,run,mpc,report
 extras_watch := plots,run,mpc,render
-extras_train := plots,run,mpc,train,render
+extras_train := plots,run,mpc,train,render,report
 extras_docs := plots,run,mpc,render,report,docs
 extras_test := plots,run,mpc,train,render,report,docs,test,dev
 stamps := $(addprefix $(VENV)/.installed-,compare report watch train docs test)

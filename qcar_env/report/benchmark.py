@@ -9,12 +9,13 @@ import numpy as np
 from qcar_env.evaluation.benchmark import Bound, History, Row, Standing
 from qcar_env.evaluation.tracks import Track
 from qcar_env.plots.benchmark import LOOKS, look
-from qcar_env.plots.style import line
+from qcar_env.plots.style import Line, line
 from qcar_env.report import content
 from qcar_env.report.content import Cell, Chart, Column, Curve, Report, Table, dashes, thinned
 
 Unit = tuple[str, float]  # name of a track, force limit over the scenario's own [-]
 SMALLEST = 1e-5  # [-] lower edge of logarithmic axes: stillness for any purpose
+LEARNED_DASHES = ("-", (0, (6, 2)), (0, (1, 1)), (0, (4, 1, 1, 1)))  # all are of one colour
 MOST_CURVES = 10  # in a chart at first; more than that hide one another
 
 
@@ -54,12 +55,15 @@ def benchmark(
     nominal = tracks[0].nominal
     names = [each.name for each in tracks]
     shown = _shown(standings)
-    kept = _histories(histories, names, shown, 2.0 * np.pi / nominal.reference_frequency)
+    looks = _looks(standings)
+    kept = _histories(histories, names, shown, looks, 2.0 * np.pi / nominal.reference_frequency)
     charts = [
-        chart for each in tracks if (chart := _frontier(each, standings, bounds, shown)) is not None
+        chart
+        for each in tracks
+        if (chart := _frontier(each, standings, bounds, shown, looks)) is not None
     ]
     charts += [
-        _distribution(each, scale, rows, bounds, shown)
+        _distribution(each, scale, rows, bounds, shown, looks)
         for each in tracks
         if each.nominal.randomisation is not None
         for scale in each.force_scales
@@ -71,21 +75,33 @@ def benchmark(
         "those without control: 1 is no control, 0 is stillness.",
         findings=tuple(findings),
         tables=(
-            *(_board(each, standings) for each in tracks),
-            _everything(rows, nominal.actuator.unit),
+            *(_board(each, standings, looks) for each in tracks),
+            _everything(rows, nominal.actuator.unit, looks),
         ),
         charts=tuple(charts),
         histories=tuple(kept),
         force_unit=nominal.actuator.unit,
         parameters=content.parameters(nominal),
         provenance=provenance,
-        shown=tuple(_label(name) for name in shown[:4]),
+        shown=tuple(looks[name].label for name in shown[:4]),
         parts=("last",),
     )
 
 
-def _label(policy: str) -> str:
-    return look(policy).label
+def _looks(standings: Sequence[Standing]) -> dict[str, Line]:
+    """Return how each policy is drawn; learned ones in one colour, told apart by their lines."""
+    found: dict[str, Line] = {}
+    learned = 0
+    for each in standings:
+        if each.policy in found:
+            continue
+        if each.kind == "learned":
+            style = LEARNED_DASHES[learned % len(LEARNED_DASHES)]
+            found[each.policy] = Line(line("learned").color, style, each.policy)
+            learned += 1
+        else:
+            found[each.policy] = look(each.policy)
+    return found
 
 
 def _shown(standings: Sequence[Standing]) -> list[str]:
@@ -101,7 +117,7 @@ def _shown(standings: Sequence[Standing]) -> list[str]:
     return list(dict.fromkeys(chosen or there[:MOST_CURVES]))
 
 
-def _board(track: Track, standings: Sequence[Standing]) -> Table:
+def _board(track: Track, standings: Sequence[Standing], looks: Mapping[str, Line]) -> Table:
     """Return a track's leaderboard: a row for each policy, a pair of columns for each limit."""
     found = {
         (each.policy, each.force_scale): each for each in standings if each.track == track.name
@@ -158,11 +174,11 @@ def _board(track: Track, standings: Sequence[Standing]) -> Table:
         ),
         columns=tuple(columns),
         rows=tuple(table),
-        colours=(line("optimum").color, *(look(policy).color for policy in policies)),
+        colours=(line("optimum").color, *(looks[policy].color for policy in policies)),
     )
 
 
-def _everything(rows: Sequence[Row], unit: str) -> Table:
+def _everything(rows: Sequence[Row], unit: str, looks: Mapping[str, Line]) -> Table:
     """Return the means of every metric by policy, track and limit."""
     unit = unit.replace("^2", "²")
     groups: dict[tuple[str, str, float], list[Row]] = {}
@@ -197,7 +213,7 @@ def _everything(rows: Sequence[Row], unit: str) -> Table:
             )
             for (policy, track, scale), group in groups.items()
         ),
-        colours=tuple(look(policy).color for policy, _, _ in groups),
+        colours=tuple(looks[policy].color for policy, _, _ in groups),
     )
 
 
@@ -211,6 +227,7 @@ def _frontier(
     standings: Sequence[Standing],
     bounds: Mapping[Unit, Sequence[Bound]],
     shown: Sequence[str],
+    looks: Mapping[str, Line],
 ) -> Chart | None:
     """Return rho against the force limit, with the optimum below it."""
     scales = sorted(track.force_scales)
@@ -238,7 +255,7 @@ def _frontier(
         at = [s for s in scales if s in there]
         if not at:
             continue
-        style = look(policy)
+        style = looks[policy]
         curves.append(
             Curve(
                 label=style.label,
@@ -268,6 +285,7 @@ def _distribution(
     rows: Sequence[Row],
     bounds: Mapping[Unit, Sequence[Bound]],
     shown: Sequence[str],
+    looks: Mapping[str, Line],
 ) -> Chart:
     """Return the share of held-out crossings that end below each rho."""
 
@@ -297,7 +315,7 @@ def _distribution(
             if (row.policy, row.track, row.force_scale) == (policy, track.name, scale)
         ]
         if values:
-            style = look(policy)
+            style = looks[policy]
             curves.append(curve(values, style.label, style.color, dashes(style.linestyle)))
     return Chart(
         title=f"Held-out crossings, force limit {scale:g}",
@@ -313,6 +331,7 @@ def _histories(
     histories: Mapping[tuple[str, str, float], History],
     tracks: Sequence[str],
     shown: Sequence[str],
+    looks: Mapping[str, Line],
     period: float,
 ) -> list[content.History]:
     """Thin the histories of the shown policies, on the track with the most force limits."""
@@ -326,7 +345,7 @@ def _histories(
             each = histories.get((policy, where, scale))
             if each is None or len(each.t) < 2:
                 continue
-            style = look(policy)
+            style = looks[policy]
             found.append(
                 thinned(
                     each.t,
