@@ -226,6 +226,7 @@ def packed_products(kernel):
     return len(re.findall(r"\bv?mulpd\b|\bfmul\s+v\d+\.2d", fresh.inspect_asm(signature)))
 
 
+@pytest.mark.slow
 def test_the_loops_over_cars_are_compiled_to_vector_instructions():
     """A scalar loop has no packed products; an RK4 step alone multiplies 80 times."""
     law = LNVC()
@@ -237,6 +238,7 @@ def test_the_loops_over_cars_are_compiled_to_vector_instructions():
     assert packed_products(sampled) > 100  # and forces, observations, costs
 
 
+@pytest.mark.slow
 def test_an_edited_law_is_compiled_anew(tmp_path):
     """numba's cache alone would go on using the machine code of the law before the edit."""
     package = tmp_path / "house"
