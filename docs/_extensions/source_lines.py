@@ -8,8 +8,8 @@ from typing import Any
 from sphinx.application import Sphinx
 
 _SOURCE = re.compile(r"(<pre>)(.*?)(</pre>)", re.DOTALL)
-# Lines that Sphinx puts between those of the source, around what the reference describes; an
-# empty one follows the end of each.
+# Lines that Sphinx puts between those of the source, around what the reference describes; one
+# follows the end of each.
 _ADDED = re.compile(r'<div class="viewcode-block"|<a class="viewcode-back"')
 
 
@@ -26,7 +26,7 @@ def _number(found: re.Match[str]) -> str:
     number = 0
     before = "</div>"  # the page begins with an empty line, too
     for line in found[2].split("\n"):
-        added = _ADDED.match(line) or (before.endswith("</div>") and not line)
+        added = _ADDED.match(line) or before.endswith("</div>")
         before = line
         if added:
             numbered.append(line)
