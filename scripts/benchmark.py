@@ -138,17 +138,20 @@ def run(
     begin = time.monotonic()
     entries: dict[str, Entry] = {}
     if jobs == 1:
-        bounds = _bounds(names, seed)
+        bounds = _for_all(names, {unit: _bound(*unit, seed) for unit in _distinct(names)})
         for each in order:
             entries[each.name] = _enter(each, names, seed)
             _progress(each.name, len(entries), len(order), begin)
     else:
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(jobs, mp_context=context) as pool:
+            # The optimum goes in among the first: alone at the end it would keep all waiting.
+            first = sum(each.spec in SLOWEST for each in order)
             futures: dict[Future[Entry], Contestant] = {
-                pool.submit(_enter, each, names, seed): each for each in order
+                pool.submit(_enter, each, names, seed): each for each in order[:first]
             }
-            optimum = pool.submit(_bounds, names, seed)
+            optima = {unit: pool.submit(_bound, *unit, seed) for unit in _distinct(names)}
+            futures |= {pool.submit(_enter, each, names, seed): each for each in order[first:]}
             for future in as_completed(futures):
                 each = futures[future]
                 try:
@@ -156,7 +159,7 @@ def run(
                 except Exception as error:  # the worker itself died
                     entries[each.name] = _all_failed(each, names, error)
                 _progress(each.name, len(entries), len(order), begin)
-            bounds = optimum.result()
+            bounds = _for_all(names, {unit: each.result() for unit, each in optima.items()})
     inside = [entries[each.name] for each in entered]
     rows = tuple(row for entry in inside for scores in entry.scores.values() for row in scores.rows)
     lower = {unit: [bound.lower for bound in each] for unit, each in bounds.items()}
@@ -266,9 +269,7 @@ def _enter(contestant: Contestant, names: Sequence[str], seed: int | None) -> En
             made = contestant.make(where, scale)
             if not benchmark.may_enter(made.reads, where):
                 continue
-            same = dataclasses.replace(where, name="", version=1, title="", observe="full")
-            same = dataclasses.replace(same, force_scales=())
-            key = (same, scale, made.reads, made.observe_limit)
+            key = (_crossings(where), scale, made.reads, made.observe_limit)
             if key not in done:  # tracks that show the same crossings are run once
                 done[key] = benchmark.score(
                     made.policy,
@@ -306,12 +307,36 @@ def _failure(policy: str, where: str, scale: float, error: Exception) -> Failure
     )
 
 
-def _bounds(names: Sequence[str], seed: int | None) -> dict[Unit, tuple[Bound, ...]]:
+def _bound(name: str, scale: float, seed: int | None) -> tuple[Bound, ...]:
+    return benchmark.optimum_of(track(name), scale, seed=seed)
+
+
+def _distinct(names: Sequence[str]) -> tuple[Unit, ...]:
+    """Return tracks and limits without those that have the crossings of one before."""
+    found: dict[tuple[Track, float], Unit] = {}
+    for name in names:
+        for scale in track(name).force_scales:
+            found.setdefault((_crossings(track(name)), scale), (name, scale))
+    return tuple(found.values())
+
+
+def _for_all(
+    names: Sequence[str], found: Mapping[Unit, tuple[Bound, ...]]
+) -> dict[Unit, tuple[Bound, ...]]:
+    """Return the bounds of all tracks and limits from those of the distinct ones."""
+    by_crossings = {(_crossings(track(name)), scale): v for (name, scale), v in found.items()}
     return {
-        (name, scale): benchmark.optimum_of(track(name), scale, seed=seed)
+        (name, scale): by_crossings[(_crossings(track(name)), scale)]
         for name in names
         for scale in track(name).force_scales
     }
+
+
+def _crossings(where: Track) -> Track:
+    """Return what a track's crossings hang on: two tracks with the same are run once."""
+    return dataclasses.replace(
+        where, name="", version=1, title="", observe="full", force_scales=(), metrics=()
+    )
 
 
 def _write(
