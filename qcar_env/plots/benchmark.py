@@ -16,6 +16,7 @@ from qcar_env.plots.style import DOUBLE_COLUMN, Line, line
 Array = NDArray[np.float64]
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
+ASIDE = 0.011  # [-] of the force limit between the marks of two policies
 DECADE = 10.0  # ratio of values from which an axis is logarithmic
 SMALLEST = 1e-5  # [-] lower edge of logarithmic axes: stillness for any purpose
 
@@ -80,12 +81,13 @@ def frontier(
         color="#666666",
         fontsize=6.5,
     )
-    for number, (name, values) in enumerate(policies.items()):
+    ran = {name: values for name, values in policies.items() if any(values)}
+    for number, (name, values) in enumerate(ran.items()):
         style = look(name)
         there = [(x, v) for x, v in zip(s, values, strict=True) if v is not None]
-        if not there:
-            continue
-        x = np.array([each[0] for each in there])
+        # Side by side, and not joined: a chord between two limits would cross the frontier.
+        aside = (number - 0.5 * (len(ran) - 1)) * ASIDE
+        x = np.array([each[0] for each in there]) + aside
         y = np.array([each[1].value for each in there])
         error = np.array(
             [[v.value - v.low for _, v in there], [v.high - v.value for _, v in there]]
@@ -95,9 +97,10 @@ def frontier(
             np.maximum(y, SMALLEST),
             yerr=np.maximum(error, 0.0),
             color=style.color,
-            linestyle=style.linestyle,
+            linestyle="none",
             marker=MARKERS[number % len(MARKERS)],
-            markersize=3.2,
+            markersize=3.4,
+            markerfacecolor=style.color if style.linestyle == "-" else "white",
             capsize=1.5,
             elinewidth=0.7,
             label=style.label,
