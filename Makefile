@@ -77,7 +77,7 @@ clean: ## remove .venv, caches and builds (results stay)
 
 # ---- set-up -----------------------------------------------------------------------------------
 
-extras_compare := plots
+extras_compare := plots,run
 extras_report := plots,run,mpc,report
 extras_watch := plots,run,mpc,render
 extras_train := plots,run,mpc,train,render,report

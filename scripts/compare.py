@@ -16,9 +16,10 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import numpy as np
 
 from baselines import catalogue
-from qcar_env.analysis.optimum import period_optimum
+from qcar_env.analysis.optimum import Optimum, period_optimum
 from qcar_env.analysis.table1 import Cell, table1
 from qcar_env.control.law import Law
 from qcar_env.evaluation import storage
@@ -95,11 +96,12 @@ def compare(
         _progress(f"rolling out {name} ({count} of {len(policies)})")
         rollouts[name] = rollout(policy, base, duration=length)
     outcomes = [outcome(name, each, base.reference_amplitudes) for name, each in rollouts.items()]
-    learned = _learned(base, length) if harmonic and force_limit is None else []
-    _print_outcomes(base, [*outcomes, *learned], length)
-    if harmonic:
-        _print_optimum(base, [*outcomes, *learned])
-    _write(out, base, length, cells, outcomes, rollouts, gains)
+    agents = _agents(base, length) if harmonic and force_limit is None else {}
+    learned = [outcome(name, each, base.reference_amplitudes) for name, each in agents.items()]
+    best = period_optimum(base) if harmonic else None
+    _print_outcomes(base, [*outcomes, *learned], best, length)
+    _write(out, base, length, cells, [*outcomes, *learned], best, gains, tuple(rollouts))
+    _draw(out, base, {**rollouts, **agents}, [*outcomes, *learned], learned)
     if report:
         _progress("writing the report")
         laws = {name: policy.law for name, policy in policies.items() if hasattr(policy, "law")}
@@ -198,36 +200,59 @@ def _print_table1(cells: Sequence[Cell]) -> None:
     print("ratio: no control / controlled, ours over the paper's\n")
 
 
-def _print_outcomes(scenario: Scenario, outcomes: Sequence[Outcome], duration: float) -> None:
+def _print_outcomes(
+    scenario: Scenario, outcomes: Sequence[Outcome], best: Optimum | None, duration: float
+) -> None:
     limits = " and ".join(f"{value:g}" for value in scenario.actuator.limit)
     unit = scenario.actuator.unit
     print(
         f"Scenario {scenario.name}: the law acts every {scenario.dt * 1e3:g} ms, every force is "
         f"limited to {limits} {unit}, {duration:g} s from rest\n"
     )
-    rows = [["law", "x1 [m]", "x2 [m]", "error x1 [%]", "error x2 [%]"]]
+    rows = [["policy", "x1 [m]", "x2 [m]", "rho", "error x1 [%]", "error x2 [%]"]]
     rows[0] += ["x1 [dB]", "x2 [dB]", f"peak force [{unit}]", f"RMS force [{unit}]"]
     for each in outcomes:
         rows.append(
             [
                 each.policy + (" (left the travel limit)" if each.terminated else ""),
                 *(f"{value:.4f}" for value in each.amplitudes),
+                f"{each.rho:.4f}",
                 *(f"{round(value) + 0:d}" for value in each.percentage_errors),
                 *(f"{round(-value, 1) + 0.0:.1f}" for value in each.reductions),
                 " / ".join(f"{value:.1f}" for value in each.peak_force),
                 " / ".join(f"{value:.1f}" for value in each.rms_force),
             ]
         )
+    if best is not None:
+        peaks, means = np.max(np.abs(best.u), axis=0), np.sqrt(np.mean(best.u**2, axis=0))
+        rows.append(
+            [
+                "optimum",
+                *(f"{value:.4f}" for value in best.amplitudes),
+                f"{best.upper:.4f}",
+                *[""] * 4,
+                " / ".join(f"{value:.1f}" for value in peaks),
+                " / ".join(f"{value:.1f}" for value in means),
+            ]
+        )
     _print_rows(rows, left=1)
-    print("\ndB: amplitude relative to no control; forces: wheel / body\n")
+    print("\nrho: the larger of x1 and x2 over no control's; dB: relative to no control")
+    print("forces: wheel / body" if len(scenario.actuator.limit) == 2 else "force: on the body")
+    if best is not None:
+        print(
+            f"optimum: no force within the limits, of any shape, leaves less than rho = "
+            f"{best.bound:.4f}; the one listed is known in advance, policies act on what they see"
+        )
+        print("make benchmark scores every policy at every limit, with intervals")
+    print()
 
 
-def _learned(scenario: Scenario, duration: float) -> list[Outcome]:
-    """Return the outcomes of the shipped agents that were trained for this scenario and limit."""
+def _agents(scenario: Scenario, duration: float) -> dict[str, Rollout]:
+    """Roll out the shipped agents that were trained for this scenario and limit."""
     home = next((each for each in TRACKS.values() if each.scenario == scenario.name), None)
+    found: dict[str, Rollout] = {}
     if home is None:
-        return []
-    found: list[Outcome] = []
+        return found
     for each in contestants.agents():
         if not any(scale == 1.0 for _, scale in each.tracks((home,))):
             continue
@@ -235,20 +260,8 @@ def _learned(scenario: Scenario, duration: float) -> list[Outcome]:
         if made.observe_limit:
             continue  # one rollout shows no limit; the benchmark does
         _progress(f"rolling out {each.name}")
-        rolled = rollout(made.policy, scenario, duration=duration, observe=made.reads)
-        found.append(outcome(each.name, rolled, scenario.reference_amplitudes))
+        found[each.name] = rollout(made.policy, scenario, duration=duration, observe=made.reads)
     return found
-
-
-def _print_optimum(scenario: Scenario, outcomes: Sequence[Outcome]) -> None:
-    best = period_optimum(scenario)
-    print(
-        "Optimum: within these limits no force of any shape leaves less than "
-        f"rho = {best.bound:.4f}, and one leaves {best.upper:.4f} "
-        "(rho: the larger of x1 and x2 over no control's)."
-    )
-    print("rho: " + ", ".join(f"{each.policy} {each.rho:.4f}" for each in outcomes))
-    print("make benchmark scores every policy at every limit, with intervals.\n")
 
 
 def _print_rows(rows: Sequence[Sequence[str]], left: int) -> None:
@@ -269,12 +282,13 @@ def _write(
     duration: float,
     cells: Sequence[Cell],
     outcomes: Sequence[Outcome],
-    rollouts: dict[str, Rollout],
+    best: Optimum | None,
     gains: dict[str, dict[str, float]],
+    laws: Sequence[str],
 ) -> None:
     rows = [
         {
-            "law": each.policy,
+            "policy": each.policy,
             "x1_m": each.amplitudes[0],
             "x2_m": each.amplitudes[1],
             "error_x1_percent": each.percentage_errors[0],
@@ -296,7 +310,7 @@ def _write(
         "duration_s": duration,
         "start": START,
         "gains": {
-            name: {**catalogue.describe(name)["gains"], **gains.get(name, {})} for name in rollouts
+            name: {**catalogue.describe(name)["gains"], **gains.get(name, {})} for name in laws
         },
         "table1": [
             {
@@ -308,14 +322,12 @@ def _write(
             for cell in cells
         ],
         "policies": rows,
+        "optimum": None
+        if best is None
+        else {"rho": best.upper, "bound": best.bound, "amplitudes_m": best.amplitudes},
     }
     storage.write_json(out / "result.json", result)
-    complete = {name: each for name, each in rollouts.items() if not each.terminated}
-    files = ["table.csv", "result.json"]
-    if complete:
-        _draw(out, scenario, complete)
-        files += ["time_histories.png", "time_histories.pdf"]
-    print(f"written to {out}: {', '.join(files)}")
+    print(f"written to {out}: table.csv, result.json")
 
 
 def _check_report() -> None:
@@ -356,19 +368,44 @@ def _write_report(
     print(f"report: {write(out / 'report.html', content)}")
 
 
-def _draw(out: Path, scenario: Scenario, rollouts: dict[str, Rollout]) -> None:
-    period = 2.0 * math.pi / scenario.reference_frequency
-    first = next(iter(rollouts.values()))
+def _draw(
+    out: Path,
+    scenario: Scenario,
+    rollouts: dict[str, Rollout],
+    outcomes: Sequence[Outcome],
+    learned: Sequence[Outcome],
+) -> None:
+    """Draw the policies that stayed within the travel limits.
+
+    Of the learned ones one gets a time history: by reinforcement if there is one, and the best.
+    """
+    complete = [each.policy for each in outcomes if not each.terminated]
+    if not complete:
+        return
+    first = rollouts[complete[0]]
+    best = min(
+        learned,
+        key=lambda each: (not each.policy.startswith(("ppo", "sac")), each.rho),
+        default=None,
+    )
+    names = [each.policy for each in learned]
     with journal():
         figure = time_history.comparison(
             first.t,
-            {name: (each.x1, each.x2) for name, each in rollouts.items()},
-            period,
+            {name: (rollouts[name].x1, rollouts[name].x2) for name in complete},
+            2.0 * math.pi / scenario.reference_frequency,
             shown=min(SHOWN, float(first.t[-1])),
+            panels=[
+                name
+                for name in complete
+                if name != "none"
+                and (name not in names or (best is not None and name == best.policy))
+            ],
         )
         for suffix in (".png", ".pdf"):
             with storage.replacing(out / f"time_histories{suffix}") as temporary:
                 figure.savefig(temporary)
+    print(f"written to {out}: time_histories.png, time_histories.pdf")
 
 
 def _progress(text: str) -> None:

@@ -31,6 +31,9 @@ LINES: Mapping[str, Line] = MappingProxyType(
         "ndf": Line("#009E73", (0, (4, 1, 1, 1)), "NDF"),
         "pd": Line("#56B4E9", (0, (3, 2)), "PD"),
         "learned": Line("#D55E00", "-", "learned"),
+        "ppo": Line("#D55E00", "-", "PPO"),
+        "sac": Line("#D55E00", (0, (3, 1)), "SAC"),
+        "cma": Line("#882255", (0, (5, 1, 1, 1)), "CMA-ES"),
         "optimum": Line("#7F7F7F", (0, (2, 2)), "optimum"),
     }
 )
@@ -69,10 +72,14 @@ SETTINGS: dict[Any, Any] = {
 
 
 def line(law: str) -> Line:
-    """Return how `law` is drawn; a law without a colour of its own gets a fixed other one."""
+    """Return how `law` is drawn; a law without a colour of its own gets a fixed other one.
+
+    An agent such as ``ppo-paper`` is drawn as its algorithm.
+    """
     key = law.lower()
-    if key in LINES:
-        return LINES[key]
+    for known in (key, key.split("-")[0]):
+        if known in LINES:
+            return LINES[known]
     return Line(OTHERS[sum(key.encode()) % len(OTHERS)], "-", law)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -54,14 +54,20 @@ def envelope(ax: Axes, t: Array, x: Array, period: float, law: str) -> Axes:
     middles = t[: count * per_period].reshape(count, per_period).mean(axis=1)
     style = line(law)
     ax.semilogy(middles, peaks, color=style.color, linestyle=style.linestyle, label=style.label)
-    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    low, high = ax.get_ylim()
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,)))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     ax.yaxis.set_minor_formatter(NullFormatter())
     return ax
 
 
 def comparison(
-    t: Array, histories: Mapping[str, tuple[Array, Array]], period: float, *, shown: float
+    t: Array,
+    histories: Mapping[str, tuple[Array, Array]],
+    period: float,
+    *,
+    shown: float,
+    panels: Sequence[str] | None = None,
 ) -> Figure:
     """Draw every law against the uncontrolled motion, and all envelopes together.
 
@@ -75,12 +81,14 @@ def comparison(
         Period of the motion [s].
     shown : float
         Length of the time histories that is shown [s].
+    panels : sequence of str, optional
+        Laws that get a time history; all but the uncontrolled one if left out.
 
     Returns
     -------
     Figure
     """
-    laws = [law for law in histories if law != "none"]
+    laws = list(panels) if panels is not None else [law for law in histories if law != "none"]
     figure = plt.figure(figsize=(DOUBLE_COLUMN, 5.4))
     parts: Any = figure.subfigures(2, 1, height_ratios=[3.1, 2.3])
     upper, lower = parts
