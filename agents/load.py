@@ -14,14 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.envs.task import FULL_SIZE, Observe
+from qcar_env.envs.task import Observe
+from qcar_env.evaluation.onnx_policy import OnnxPolicy
 from qcar_env.physics.validation import known
 
 PRETRAINED = Path(__file__).parent / "pretrained"
 
 
-class OnnxPolicy:
-    """A trained policy with the `predict` of Stable-Baselines3.
+class Agent:
+    """A trained policy with the `predict` of Stable-Baselines3, and what is known of it.
 
     Parameters
     ----------
@@ -32,36 +33,23 @@ class OnnxPolicy:
     ------
     ValueError
         If a file is absent, cut off or not what its name says.
+    RuntimeError
+        If onnxruntime is not installed.
     """
 
     def __init__(self, folder: Path) -> None:
-        import onnxruntime  # only those who load an agent need it
-
         self.recipe = _recipe(folder)
-        self.name: str = self.recipe["name"]
-        self.observe: Observe = self.recipe["observe"]
-        self.reads: Observe = self.observe
-        self.observe_limit: bool = self.recipe["observe_limit"]
-        self.force_scales: tuple[float, ...] = tuple(self.recipe["force_scales"])
-        options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1  # a net this small is slower on two
-        options.log_severity_level = 3
-        path = folder / "policy.onnx"
-        try:
-            self._session = onnxruntime.InferenceSession(
-                path.read_bytes(), options, providers=["CPUExecutionProvider"]
-            )
-        except FileNotFoundError:
+        if not (folder / "policy.onnx").is_file():
             raise ValueError(
                 f"no policy.onnx in {folder}: the training has not ended; resume it with "
                 f"scripts/train.py --resume {folder}"
-            ) from None
-        except Exception as error:
-            raise ValueError(
-                f"{path} is not a policy, it may be cut off ({type(error).__name__}); "
-                "export it again or fetch the file again"
-            ) from error
-        self.size: int = self._session.get_inputs()[0].shape[1]
+            )
+        self._policy = OnnxPolicy(folder / "policy.onnx")
+        self.name: str = self.recipe["name"]
+        self.reads: Observe = self.recipe["observe"]
+        self.observe_limit: bool = self.recipe["observe_limit"]
+        self.force_scales: tuple[float, ...] = tuple(self.recipe["force_scales"])
+        self.size = self._policy.size
 
     def predict(
         self,
@@ -70,14 +58,14 @@ class OnnxPolicy:
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], tuple[NDArray[Any], ...] | None]:
-        """Return the actions, and no memory.
+        """Return the actions, and no memory (see `qcar_env.evaluation.policy.Policy`).
 
         Parameters
         ----------
         observation : ndarray (n, k) or (k,)
-            As the environment gives them with ``observe=policy.observe`` and
-            ``observe_limit=policy.observe_limit``. A policy for ``feedback`` reads the first four
-            entries of a full observation.
+            As the environment gives them with ``observe=agent.reads`` and
+            ``observe_limit=agent.observe_limit``; an agent that reads the state takes a full
+            observation too.
         state, episode_start, deterministic
             Without effect: the policy has no memory and does not draw.
 
@@ -92,21 +80,7 @@ class OnnxPolicy:
         ValueError
             If the observation has the wrong size.
         """
-        seen = np.asarray(observation, dtype=np.float32)
-        size = seen.shape[-1] if seen.ndim else 0
-        if seen.ndim not in (1, 2) or (size != self.size and not self._contains(size)):
-            raise ValueError(
-                f"observation of {self.name} must have {self.size} entries, got shape "
-                f"{seen.shape}; make the environment with observe={self.observe!r}, "
-                f"observe_limit={self.observe_limit}"
-            )
-        batch = seen.reshape(-1, size)[:, : self.size]
-        action = self._session.run(None, {"observation": np.ascontiguousarray(batch)})[0]
-        return action.reshape(*seen.shape[:-1], -1), None
-
-    def _contains(self, size: int) -> bool:
-        """Return whether the first entries of an observation of `size` are what is read."""
-        return not self.observe_limit and self.size < size and size >= FULL_SIZE
+        return self._policy.predict(observation)
 
 
 def names() -> tuple[str, ...]:
@@ -114,7 +88,7 @@ def names() -> tuple[str, ...]:
     return tuple(sorted(each.parent.name for each in PRETRAINED.glob("*/policy.onnx")))
 
 
-def load(agent: str | Path) -> OnnxPolicy:
+def load(agent: str | Path) -> Agent:
     """Load a trained agent.
 
     Parameters
@@ -125,7 +99,7 @@ def load(agent: str | Path) -> OnnxPolicy:
 
     Returns
     -------
-    OnnxPolicy
+    Agent
 
     Raises
     ------
@@ -139,8 +113,8 @@ def load(agent: str | Path) -> OnnxPolicy:
             raise ValueError(
                 f"no folder {agent}; give a run folder or one of: {', '.join(names())}"
             )
-        return OnnxPolicy(PRETRAINED / known("agent", agent, names()))
-    return OnnxPolicy(folder)
+        return Agent(PRETRAINED / known("agent", agent, names()))
+    return Agent(folder)
 
 
 def _recipe(folder: Path) -> dict[str, Any]:

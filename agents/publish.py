@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.load import PRETRAINED, OnnxPolicy
+from agents.load import PRETRAINED, Agent
 from agents.recipes import RECIPES
 from agents.train import score_all
 from qcar_env.evaluation.storage import write_json
@@ -43,7 +43,7 @@ def publish(folders: Sequence[Path], *, into: Path = PRETRAINED, force: bool = F
         If the folders are not finished runs of one recipe, a file is too large, or there is an
         agent of this name and `force` is not given.
     """
-    policies = [OnnxPolicy(folder) for folder in folders]
+    policies = [Agent(folder) for folder in folders]
     names = {each.name for each in policies}
     if len(names) != 1:
         raise ValueError(f"runs must be of one recipe, got {', '.join(sorted(names)) or 'none'}")

@@ -28,7 +28,7 @@ import torch
 
 from agents import scoring
 from agents.export import export_checked
-from agents.load import OnnxPolicy
+from agents.load import Agent
 from agents.recipes import Recipe, as_dict
 from agents.trainer import ActorPolicy, Trainer
 from qcar_env.envs import task
@@ -161,7 +161,7 @@ def train(
     run.checkpoint()
     size = task.observation_size(recipe.track.observe, recipe.observe_limit)
     export_checked(trainer.actor(), size, folder / "policy.onnx")
-    found = score_all(OnnxPolicy(folder), recipe, "validation")
+    found = score_all(Agent(folder), recipe, "validation")
     result = Result(
         folder=folder,
         steps=trainer.steps,

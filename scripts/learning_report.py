@@ -24,7 +24,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from agents import scoring
-from agents.load import OnnxPolicy
+from agents.load import Agent
 from agents.recipes import ALGORITHM_TITLES, RECIPES, Recipe
 from agents.train import score_all, train
 from baselines.catalogue import describe
@@ -124,7 +124,7 @@ def interval(values: Sequence[float], rng: np.random.Generator) -> tuple[float, 
 
 def _rows(recipe: Recipe, folders: Sequence[Path]) -> list[dict[str, Any]]:
     results = [json.loads((each / "result.json").read_text("utf-8")) for each in folders]
-    held_out = [score_all(OnnxPolicy(each), recipe, "held-out") for each in folders]
+    held_out = [score_all(Agent(each), recipe, "held-out") for each in folders]
     rng = np.random.default_rng(0)
     rows = []
     for scale in recipe.force_scales:

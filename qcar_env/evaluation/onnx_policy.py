@@ -50,7 +50,10 @@ class OnnxPolicy:
                 path.read_bytes(), options, providers=["CPUExecutionProvider"]
             )
         except Exception as error:  # onnxruntime has no common class of its own
-            raise ValueError(f"{path} is not an ONNX policy: {error}") from error
+            raise ValueError(
+                f"{path} is not an ONNX policy, it may be cut off ({type(error).__name__}); "
+                "export it again or fetch the file again"
+            ) from error
         self._input = self._session.get_inputs()[0]
         sizes = {
             task.observation_size(observe, limit): (observe, limit)
@@ -76,19 +79,23 @@ class OnnxPolicy:
     ) -> tuple[NDArray[np.float32], None]:
         """Return the actions (see `qcar_env.evaluation.policy.Policy`); nothing is remembered.
 
+        A policy that reads the state takes a full observation too, whose first entries it is.
+
         Raises
         ------
         ValueError
             If the observation has the wrong size.
         """
         seen = np.asarray(observation, dtype=np.float32)
-        if seen.ndim not in (1, 2) or seen.shape[-1] != self.size:
+        size = seen.shape[-1] if seen.ndim else 0
+        wider = self.size == task.FEEDBACK_SIZE and size >= task.FULL_SIZE
+        if seen.ndim not in (1, 2) or (size != self.size and not wider):
             raise ValueError(
                 f"observation of {self.name} must have {self.size} entries, got shape "
                 f"{seen.shape}; "
                 f"make the environment with observe={self.reads!r}, "
                 f"observe_limit={self.observe_limit}"
             )
-        batch = np.ascontiguousarray(seen.reshape(-1, self.size))
+        batch = np.ascontiguousarray(seen.reshape(-1, size)[:, : self.size])
         action = np.asarray(self._session.run(None, {self._input.name: batch})[0])
         return action.reshape(*seen.shape[:-1], -1), None

@@ -9,7 +9,7 @@ pytest.importorskip("stable_baselines3")
 pytest.importorskip("onnxruntime")
 
 from agents import train as training  # noqa: E402
-from agents.load import OnnxPolicy, load, names  # noqa: E402
+from agents.load import Agent, load, names  # noqa: E402
 from agents.recipes import RECIPES, GradientSettings, OffPolicySettings, PPOSettings  # noqa: E402
 from agents.train import make_trainer, resumed_recipe, train  # noqa: E402
 
@@ -53,7 +53,7 @@ def exported(monkeypatch):
             found.append(actor(torch.full((1, size), 0.1)).numpy()[0])
 
     monkeypatch.setattr(training, "export_checked", note)
-    monkeypatch.setattr(training, "OnnxPolicy", lambda folder: None)
+    monkeypatch.setattr(training, "Agent", lambda folder: None)
     return found
 
 
@@ -218,10 +218,10 @@ def test_a_policy_file_that_is_cut_off_is_named(run):
     path = run / "policy.onnx"
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(ValueError, match="cut off"):
-        OnnxPolicy(run)
+        Agent(run)
     path.unlink()
     with pytest.raises(ValueError, match="training has not ended"):
-        OnnxPolicy(run)
+        Agent(run)
     assert isinstance(names(), tuple)
 
 
