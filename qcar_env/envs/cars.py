@@ -13,6 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from qcar_env.envs import task
 from qcar_env.physics import engine, engine_sampled
 from qcar_env.physics.engine_random import streams
+from qcar_env.physics.forcing import World
+from qcar_env.physics.motion import angle
 from qcar_env.physics.rk4 import step_fractions
 from qcar_env.physics.validation import whole
 from qcar_env.scenarios import Scenario
@@ -53,8 +55,15 @@ class Cars:
         Whether the force limit follows in the observation.
     single : bool
         Whether the engine works in single precision.
+    exact : bool
+        Whether the exact map of an interval advances the cars, instead of Runge-Kutta steps.
     threads : int
         Number of threads that share the blocks.
+
+    Raises
+    ------
+    ValueError
+        If `exact` is asked for on a road with kinks or with parameters that vary.
     """
 
     def __init__(
@@ -66,8 +75,16 @@ class Cars:
         observe: task.Observe,
         observe_limit: bool,
         single: bool = False,
+        exact: bool = False,
         threads: int = 1,
     ) -> None:
+        if exact and (scenario.road.profile != "harmonic" or scenario.randomisation is not None):
+            varied = "no" if scenario.randomisation is None else "a"
+            raise ValueError(
+                "method 'exact' needs a harmonic road and no randomisation, got scenario "
+                f"{scenario.name!r} with a {scenario.road.profile} road and {varied} "
+                "randomisation; take method='rk4'"
+            )
         self.n = whole("num_envs", n)
         self.scenarios = [scenario]
         self.size = task.observation_size(observe, observe_limit)
@@ -78,6 +95,7 @@ class Cars:
         self._entries = task.observation_size(observe, False)
         self._with_limit = observe_limit
         self._single = single
+        self._exact = exact
         self._threads = whole("threads", threads)
         self._sizes = (scenario.dt, scenario.substeps)
         real = np.float32 if single else np.float64
@@ -88,6 +106,9 @@ class Cars:
         self._quiet = np.zeros(self._blocks, np.int64)
         self._streams = np.empty((self.n, 4), np.uint64)
         self._nominals = np.array([task.nominal_numbers(scenario, own)])
+        self._shared = engine.aligned((engine_sampled.SHARED,), real)
+        if exact:
+            self._shared[...] = _shared_numbers(scenario, self._nominals[0])
         self._which = np.zeros(self.n, np.int64)
         self._pool: ThreadPoolExecutor | None = None
         self._compile()
@@ -95,7 +116,12 @@ class Cars:
     def _compile(self) -> None:
         functions: Any = task
         self._kernels = engine_sampled.kernels(
-            functions, self._entries, self._with_limit, self.actions, self._single
+            functions,
+            self._entries,
+            self._with_limit,
+            self.actions,
+            self._single,
+            self._exact,
         )
         self._pid = os.getpid()
         self._hold()
@@ -126,7 +152,8 @@ class Cars:
             self.restart_phases,
         ]
         addresses = [each.ctypes.data for each in arrays]
-        self._held = np.array([*addresses, len(self._nominals)], np.int64)
+        shared = self._shared.ctypes.data
+        self._held = np.array([*addresses, len(self._nominals), shared], np.int64)
         dt, substeps = self._sizes
         self._settings = {
             mode: np.array([dt, substeps, mode, *step_fractions(dt / substeps)])
@@ -144,7 +171,7 @@ class Cars:
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the arrays and compile."""
         vars(self).update(state)
-        for name in ("_slabs", "_scratch"):
+        for name in ("_slabs", "_scratch", "_shared"):
             copy = engine.aligned(state[name].shape, state[name].dtype)
             copy[...] = state[name]
             setattr(self, name, copy)
@@ -157,7 +184,8 @@ class Cars:
         Raises
         ------
         ValueError
-            If control interval, substeps or actuators differ from those of the batch.
+            If control interval, substeps or actuators differ from those of the batch, or anything
+            does where the exact map advances the cars.
         """
         given = (scenario.dt, scenario.substeps, scenario.actuator.size)
         if given != (*self._sizes, self.actions):
@@ -171,6 +199,12 @@ class Cars:
             self._which[cars] = same[0]
             self.scenarios[int(same[0])] = scenario
             return
+        if self._exact:
+            raise ValueError(
+                f"with method 'exact' all cars share scenario {self.scenarios[0].name!r} and its "
+                f"force limit, got scenario {scenario.name!r} with other numbers; make a new "
+                "environment for it, or take method='rk4'"
+            )
         self._nominals = np.vstack([self._nominals, row])
         self.scenarios.append(scenario)
         self._hold()
@@ -314,3 +348,19 @@ class Cars:
         shared = (self._slabs, self._quiet, self._streams, self._which)
         own = (self.finals, self.restarted, self.restart_phases)
         return sum(each.nbytes for each in (*shared, *own))
+
+
+def _shared_numbers(scenario: Scenario, nominal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what all cars of a scenario share, (SHARED,): rows of a car, and the exact map."""
+    from qcar_env.physics.linear import exact_transition  # scipy: slow to import
+
+    functions: Any = task
+    car = np.zeros(engine_sampled.ONE_CAR)
+    kernels = engine_sampled.kernels(
+        functions, task.FULL_SIZE, False, scenario.actuator.size, False
+    )
+    kernels.reset_one(car, np.zeros(task.DRAWS), engine_sampled.NOTHING_GIVEN, nominal)
+    made = exact_transition(scenario.car, scenario.road, scenario.force, scenario.dt)
+    weights = np.hstack([made.A, made.B, made.road, made.force]).ravel()
+    by = World(angle(scenario.road.omega * made.dt), angle(scenario.force.Omega * made.dt))
+    return np.concatenate([car[: engine_sampled.ROWS], weights, *by])

@@ -29,11 +29,12 @@ from typing import Any
 
 import numba
 import numpy as np
+from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic, register_jitable
 from numpy.typing import NDArray
 
-from qcar_env.physics import closed_loop, dynamics, forcing, motion, rk4, roads, state
+from qcar_env.physics import closed_loop, dynamics, exact_map, forcing, motion, rk4, roads, state
 
 Array = NDArray[np.float64]
 
@@ -81,6 +82,8 @@ for _each in (
     motion.half_step_angles,
     motion.piece_phasor,
     motion.substep,
+    exact_map.weighted,
+    exact_map.exact_interval,
     closed_loop.saturate,
     closed_loop.controlled_rate,
     closed_loop.unlimited_rate,
@@ -200,6 +203,24 @@ def _load_wide(typingctx: Any, slab: Any, stride: Any, row: Any, lane: Any, kind
     return made(slab, stride, row, lane, kind), codegen
 
 
+def _prefetch(typingctx: Any, slab: Any, place: Any) -> Any:
+    """Ask for the cache line with entry `place` of a slab, which will be needed soon."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        array = context.make_array(signature.args[0])(context, builder, args[0])
+        line = builder.gep(array.data, [args[1]])
+        byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [byte, number, number, number])
+        call = builder.module.declare_intrinsic("llvm.prefetch", [byte], kind)
+        read, second_level, data = 0, 2, 1
+        options = [number(each) for each in (read, second_level, data)]
+        builder.call(call, [builder.bitcast(line, byte), *options])
+        return context.get_dummy_value()
+
+    return types.void(slab, types.intp), codegen
+
+
+prefetch: Any = intrinsic(_prefetch)
 load: Any = intrinsic(prefer_literal=True)(_load)
 load_wide: Any = intrinsic(prefer_literal=True)(_load_wide)
 store: Any = intrinsic(prefer_literal=True)(_store)

@@ -32,11 +32,13 @@ from qcar_env.physics.engine import (
     load_wide,
     load_world,
     pointer_at,
+    prefetch,
     source_stamp,
     store,
     store_world,
 )
 from qcar_env.physics.engine_random import uniform
+from qcar_env.physics.exact_map import ExactMap, Weights, exact_interval
 from qcar_env.physics.forcing import Amplitudes, World
 from qcar_env.physics.motion import Plant, angle, interval, substep
 from qcar_env.physics.rk4 import Step, step_fractions
@@ -86,6 +88,11 @@ REWARD, REWARD_X1, REWARD_X2, REWARD_TRAVEL, FIRST_FORCE = range(5)
 HIGHEST = 1e38  # an action above is not a finite float32
 DRAWS = 12  # uniform numbers that the start of an episode takes
 RESEED = 64  # [intervals] after which phasors in single precision are computed anew
+RESEED_EXACT = 512  # the same where an interval turns them once, instead of in each half step
+
+# What all cars share where the exact map advances them, behind the rows of one of them.
+MAP = ROWS  # ExactMap
+SHARED = ROWS + 44
 
 NOTHING_GIVEN = (math.nan,) * 5
 
@@ -272,8 +279,21 @@ def reseed(z: Any, lanes: Any, dt: Any) -> None:
             store(z, LANES, WORLD, j, angle(road.omega * t))
 
 
-@cache
-def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: bool) -> Kernels:
+@compiled
+def load_map(shared: Any) -> Any:
+    """Return the ExactMap that cars share."""
+    return ExactMap(
+        load(shared, 1, MAP, 0, Weights),
+        load(shared, 1, MAP + 10, 0, Weights),
+        load(shared, 1, MAP + 20, 0, Weights),
+        load(shared, 1, MAP + 30, 0, Weights),
+        load_world(shared, 1, MAP + 40, 0),
+    )
+
+
+def kernels(
+    task: Any, entries: int, with_limit: bool, actions: int, single: bool, exact: bool = False
+) -> Kernels:
     """Compile the functions of a task.
 
     Parameters
@@ -288,6 +308,9 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
         Number of actions: 2, or 1 for an actuator between the masses.
     single : bool
         Whether slabs have single precision.
+    exact : bool
+        Whether `step` advances all cars by one exact map, which needs harmonic roads and the same
+        parameters for all; Runge-Kutta steps otherwise.
 
     Returns
     -------
@@ -304,7 +327,8 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
       int64, scenarios, and which one each car draws its episodes from; scratch (workers,
       SCRATCH_SIZE); finals (n, size) of float32 and restarted (n,) of bool, the last observations
       of the cars that were over and begun again within this step, and which cars have begun again
-      (never cleared here); phases (n,), of the roads of those; and at last the number k;
+      (never cleared here); phases (n,), of the roads of those; the number k; and at last
+      shared (SHARED,), what all cars have in common if `exact`;
     - settings: dt, substeps, mode (`DISABLED`, `NEXT_STEP` or `SAME_STEP`), and the `Step`;
     - actions (n, m) of float32; observations (n, size) of float32, numbers (4 + m, n) and ends
       (2, n) of bool, which are written: reward, its terms, the forces; terminated, truncated.
@@ -320,6 +344,13 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
     observation and forces in it; `step_one` returns ``(code, reward, its terms x1, x2, travel,
     terminated, truncated)``, with the code -3 for an action that is not m numbers in a row.
     """
+    return _kernels(task, entries, with_limit, actions, single, exact)
+
+
+@cache
+def _kernels(
+    task: Any, entries: int, with_limit: bool, actions: int, single: bool, exact: bool
+) -> Kernels:
     sources = source_stamp(task.begin, uniform)
     size = entries + int(with_limit)
     assert task.DRAWS == DRAWS
@@ -342,6 +373,9 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
         task.bounded,
     ):
         compiled(each)
+    LINE = 64 // np.dtype(real).itemsize  # numbers in a cache line
+    LINES = (DONE + 1) * LANES // LINE
+    EVERY = RESEED_EXACT if exact else RESEED
     UNITS = FORCES if actions == 1 else LIMITS  # two actuators have specific limits
     Given = One if actions == 1 else Two
     observe, costs, out_of_travel = task.observe, task.costs, task.out_of_travel
@@ -454,6 +488,10 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
         dt = settings[0]
         substeps, mode = np.int64(settings[1]), np.int64(settings[2])
         fractions = Step(real(settings[3]), real(settings[4]), real(settings[5]), real(settings[6]))
+        shared = carray(pointer_at(held[10], real(0)), (SHARED,))
+        the_map = load_map(shared)
+        the_limits = load(shared, 1, LIMITS, 0, Limits)
+        the_scales, the_last = load(shared, 1, SCALES, 0, Scales), shared[LAST]
         saved = s[SCRATCH * LANES :]
         seen_flat = observations.reshape(observations.size)
         acts_flat = acts.reshape(acts.size)
@@ -477,10 +515,15 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
             for j in range(lanes):
                 given = load(acts_flat, 1, (base + j) * actions, 0, Given)
                 a1, a2 = bounded(real(given[0]), UNIT), bounded(real(given[-1]), UNIT)
-                limits = load(z, LANES, LIMITS, j, Limits)
+                if exact:
+                    limits = the_limits
+                else:
+                    limits = load(z, LANES, LIMITS, j, Limits)
                 store(s, LANES, FORCE, j, (limits.u1 * a1, limits.u2 * a2, a1, a2))
             crossing = 0
-            if quiet[block] > 0:
+            if exact:
+                pass
+            elif quiet[block] > 0:
                 quiet[block] -= 1
             else:
                 for j in range(lanes):
@@ -490,9 +533,31 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
                         saved[i] = z[i]
                 else:
                     quiet[block] = quiet_intervals(z, lanes, dt)
-            if single and int(z[ELAPSED * LANES]) % RESEED == 0:
+            if single and int(z[ELAPSED * LANES]) % EVERY == 0:
                 reseed(z, lanes, dt)
-            for _ in range(substeps):
+            # The next block comes from a slower cache while this one is worked on.
+            ahead = slabs[min(block + 1, end_block - 1)]
+            asked, share = 0, 1 + LINES // substeps
+            if exact:
+                for line in range(CAR * LANES // LINE):
+                    prefetch(ahead, line * LINE)
+                for line in range(ELAPSED * LANES // LINE, (DONE + 1) * LANES // LINE):
+                    prefetch(ahead, line * LINE)
+                for j in range(lanes):
+                    u = load(s, LANES, FORCE, j, Limits)
+                    x, world = exact_interval(
+                        load(z, LANES, PLANT, j, State),
+                        load_world(z, LANES, WORLD, j),
+                        u.u1,
+                        u.u2,
+                        the_map,
+                    )
+                    store(z, LANES, PLANT, j, x)
+                    store_world(z, LANES, WORLD, j, world)
+            for _ in range(0 if exact else substeps):
+                for line in range(asked, min(asked + share, LINES)):
+                    prefetch(ahead, line * LINE)
+                asked += share
                 for j in range(lanes):
                     u = load(s, LANES, FORCE, j, Limits)
                     x, world = substep(
@@ -520,10 +585,13 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
                 elapsed = z[ELAPSED * LANES + j] + ONE
                 z[ELAPSED * LANES + j] = elapsed
                 x = load(z, LANES, PLANT, j, State)
-                scales = load(z, LANES, SCALES, j, Scales)
+                if exact:
+                    scales, last = the_scales, the_last
+                else:
+                    scales, last = load(z, LANES, SCALES, j, Scales), z[LAST * LANES + j]
                 cost1, cost2 = costs(x, scales)
                 out = out_of_travel(x, scales)
-                late = (elapsed >= z[LAST * LANES + j]) & (not out)
+                late = (elapsed >= last) & (not out)
                 penalty = -fine(scales) if out else NONE
                 seen = observe(x, load_world(z, LANES, WORLD, j), scales)
                 reward = -cost1 - cost2 + penalty
@@ -550,10 +618,15 @@ def kernels(task: Any, entries: int, with_limit: bool, actions: int, single: boo
                 for j in range(lanes):
                     numbers[k, base + j] = s[(NUMBERS + k) * LANES + j]
             for k in range(actions):
-                for j in range(lanes):
-                    numbers[FIRST_FORCE + k, base + j] = (
-                        s[(ACTION + k) * LANES + j] * z[(UNITS + k) * LANES + j]
-                    )
+                if exact:
+                    unit = shared[UNITS + k]
+                    for j in range(lanes):
+                        numbers[FIRST_FORCE + k, base + j] = s[(ACTION + k) * LANES + j] * unit
+                else:
+                    for j in range(lanes):
+                        numbers[FIRST_FORCE + k, base + j] = (
+                            s[(ACTION + k) * LANES + j] * z[(UNITS + k) * LANES + j]
+                        )
             for k in range(2):
                 for j in range(lanes):
                     ends[k, base + j] = s[(ENDS + k) * LANES + j] != 0

@@ -1,5 +1,7 @@
 """The vector environment: the same episodes as single ones, bit for bit, in every mode."""
 
+import dataclasses
+import itertools
 import multiprocessing
 import pickle
 import threading
@@ -15,6 +17,8 @@ from qcar_env.envs import task
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.envs.vector import QuarterCarHumpVectorEnv
 from qcar_env.physics import motion
+from qcar_env.physics.engine_sampled import LIMITS
+from qcar_env.physics.linear import exact_transition
 from qcar_env.physics.state import State
 
 SHORT = 0.6  # [s] episodes of the tests: 120 intervals, several of them in a test
@@ -213,6 +217,7 @@ def test_a_wrong_action_moves_no_car():
         ({"num_envs": 0}, {}, "num_envs must be at least 1, got 0"),
         ({"autoreset_mode": "Never"}, {}, "unknown autoreset_mode 'Never'"),
         ({"precision": "half"}, {}, "unknown precision 'half'"),
+        ({"method": "euler"}, {}, "unknown method 'euler'"),
         ({"threads": 0}, {}, "threads must be at least 1"),
         ({"scenario": "papper"}, {}, "unknown scenario 'papper'"),
         ({}, {"state": np.zeros((2, 4))}, r"state must have shape \(4,\) or \(3, 4\)"),
@@ -313,6 +318,114 @@ def test_single_precision_stays_close():
     double, single = np.array(results)
     assert np.abs(double - single).max() < 5e-4  # of the amplitudes: 4000 steps of 6e-8 each
     assert not np.array_equal(double, single)
+
+
+FREE = {"duration": 1e3, "force_scale": 0.2}  # no car comes to its end
+
+
+def run_to(env, steps, start):
+    """Return states and observations after `steps` intervals under the same actions."""
+    env.reset(seed=0, options=start)
+    rng = np.random.default_rng(0)
+    states, seen = [], []
+    for _ in range(steps):
+        seen.append(env.step(actions_for(env, rng))[0])
+        states.append(env.states)
+    return np.array(states), np.array(seen)
+
+
+START = {"state": np.array([0.1, 0.1, 2.0, 1.0]), "phase": 0.3}
+
+
+def test_rk4_approaches_the_exact_method_with_the_fourth_power_of_the_step():
+    exact, shown = run_to(QuarterCarHumpVectorEnv(3, method="exact", **FREE), 500, START)
+    scale = np.abs(exact).max(axis=(0, 1))
+    errors = []
+    for substeps in (4, 8, 16, 32):
+        scenario = dataclasses.replace(SCENARIOS["paper"], substeps=substeps)
+        states, seen = run_to(QuarterCarHumpVectorEnv(3, scenario, **FREE), 500, START)
+        errors.append(np.abs((states - exact) / scale).max())
+    assert errors[0] < 2e-5
+    assert errors[1] < 1e-6
+    for coarse, fine in itertools.pairwise(errors):
+        assert 14.0 < coarse / fine < 18.0  # 16, but for the next order
+    assert np.abs(seen - shown).max() < 1e-6  # rounding of single precision near one
+
+
+@pytest.mark.parametrize("name", ["paper", "mathworks-hump"])
+def test_the_exact_method_is_the_exact_transition(name):
+    """Two specific forces on the paper's car, one actuator on the other."""
+    endless = dataclasses.replace(SCENARIOS[name], road=SCENARIOS["paper"].road)
+    env = QuarterCarHumpVectorEnv(70, endless, method="exact", **FREE)
+    base = env.scenario_of(0)
+    made = exact_transition(base.car, base.road, base.force, base.dt)
+    env.reset(seed=2, options={"state": np.zeros(4)})
+    x, phase = env.states.T, env._cars.phases
+    rng = np.random.default_rng(0)
+    for k in range(300):
+        action = actions_for(env, rng)
+        t = phase / base.road.omega + k * base.dt
+        road, force = base.road.omega * t, base.force.Omega * t
+        u = env._cars.row(LIMITS, 2) * np.clip(action.T.astype(float), -1.0, 1.0)
+        x = (
+            made.A @ x
+            + made.B @ u
+            + made.road @ [np.sin(road), np.cos(road)]
+            + made.force @ [np.sin(force), np.cos(force)]
+        )
+        env.step(action)
+        np.testing.assert_allclose(env.states.T, x, rtol=0, atol=1e-12 * np.abs(x).max())
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "NextStep"])
+def test_the_exact_method_has_the_same_episodes(mode):
+    """Starts, forces, ends and keys are those of RK4; the rest to the error of RK4."""
+    results = []
+    for method in ("rk4", "exact"):
+        env = QuarterCarHumpVectorEnv(70, duration=SHORT, method=method, autoreset_mode=mode)
+        rng = np.random.default_rng(0)
+        found = [(env.reset(seed=7)[0], *[None] * 3, {})]
+        found += [env.step(actions_for(env, rng)) for _ in range(280)]
+        results.append(found)
+    for a, b in zip(*results, strict=True):
+        assert sorted(a[4]) == sorted(b[4])
+        np.testing.assert_allclose(a[0], b[0], atol=1e-5)
+        for i in (2, 3):
+            assert np.array_equal(a[i], b[i])
+        if a[1] is not None:
+            np.testing.assert_allclose(a[1], b[1], atol=1e-5)
+            assert_same(a[4]["force"], b[4]["force"])
+
+
+def test_the_exact_method_in_single_precision_stays_close():
+    double, seen = run_to(QuarterCarHumpVectorEnv(3, method="exact", **FREE), 999, START)
+    single, shown = run_to(
+        QuarterCarHumpVectorEnv(3, method="exact", precision="single", **FREE), 999, START
+    )
+    assert np.abs(seen - shown).max() < 5e-4  # of the amplitudes, as for RK4
+    assert not np.array_equal(double, single)
+
+
+def test_the_exact_method_goes_through_pickle_and_threads():
+    one = trajectory(QuarterCarHumpVectorEnv(300, duration=SHORT, method="exact"), 1)
+    env = QuarterCarHumpVectorEnv(300, duration=SHORT, method="exact", threads=2)
+    assert np.array_equal(one, trajectory(pickle.loads(pickle.dumps(env)), 1))
+
+
+@pytest.mark.parametrize("name", ["paper-hump", "paper-randomised", "mathworks-train"])
+def test_the_exact_method_refuses_what_it_cannot_map(name):
+    with pytest.raises(ValueError, match=r"needs a harmonic road and no randomisation.*'rk4'"):
+        QuarterCarHumpVectorEnv(2, name, method="exact")
+
+
+@pytest.mark.parametrize("options", [{"scenario": "paper-hump"}, {"force_scale": [1.0, 0.5]}])
+def test_the_exact_method_refuses_cars_that_differ(options):
+    env = QuarterCarHumpVectorEnv(2, method="exact")
+    env.reset(seed=0, options={"force_scale": 1.0, "scenario": "paper"})  # what they have
+    with pytest.raises(ValueError, match="all cars share scenario 'paper'"):
+        env.reset(options=options)
+    assert env.scenario_of(0).name == "paper"
+    assert env.force_scale_of(1) == 1.0
 
 
 def test_a_car_takes_less_than_a_kilobyte():
