@@ -189,7 +189,9 @@ def ratios(
     for n in num_envs:
         wanted += [
             (f"batch {n}", f"CartPoleVectorEnv {n}", least.get(n)),
-            (f"batch {n}, single", f"CartPoleVectorEnv {n}", fast.get(n)),
+            (f"batch {n}, single", f"CartPoleVectorEnv {n}", None),
+            (f"batch {n}, exact", f"CartPoleVectorEnv {n}", None),
+            (f"batch {n}, exact single", f"CartPoleVectorEnv {n}", fast.get(n)),
             (f"batch {n}, {threads} threads", f"batch {n}", None),
             (f"batch {n}", f"SyncVectorEnv Pendulum {n}", None),
             (f"batch {n}", ASYNC, None) if n == 64 else (f"batch {n}", "", None),
@@ -295,6 +297,12 @@ def _batch(n: int, threads: int) -> list[Candidate]:
     found = [
         of(f"batch {n}", QuarterCarHumpVectorEnv(n), push),
         of(f"batch {n}, single", QuarterCarHumpVectorEnv(n, precision="single"), push),
+        of(f"batch {n}, exact", QuarterCarHumpVectorEnv(n, method="exact"), push),
+        of(
+            f"batch {n}, exact single",
+            QuarterCarHumpVectorEnv(n, method="exact", precision="single"),
+            push,
+        ),
         of(f"CartPoleVectorEnv {n}", CartPoleVectorEnv(num_envs=n), rng.integers(0, 2, n)),
     ]
     if threads > 1 and n > engine.LANES:

@@ -9,6 +9,7 @@ from typing import Any
 SERIES = {
     r"batch (\d+)": ("this library", "#0072B2", "o"),
     r"batch (\d+), single": ("single precision", "#56B4E9", "s"),
+    r"batch (\d+), exact": ("exact map", "#D55E00", "P"),
     r"batch (\d+), \d+ threads": ("all threads", "#009E73", "^"),
     r"CartPoleVectorEnv (\d+)": ("CartPoleVectorEnv", "#E69F00", "v"),
     r"EnvPool Pendulum (\d+)": ("EnvPool Pendulum", "#CC79A7", "D"),

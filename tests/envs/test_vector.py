@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import multiprocessing
+import os
 import pickle
 import threading
 
@@ -318,6 +319,43 @@ def test_single_precision_stays_close():
     double, single = np.array(results)
     assert np.abs(double - single).max() < 5e-4  # of the amplitudes: 4000 steps of 6e-8 each
     assert not np.array_equal(double, single)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
+def test_an_environment_goes_on_after_fork():
+    """The parent's threads are not there in the child, which needs its own."""
+    env = QuarterCarHumpVectorEnv(300, duration=SHORT, threads=2)
+    trajectory(env, 1, steps=10)
+    action = np.full((300, 2), 0.2, np.float32)
+    context = multiprocessing.get_context("fork")
+    queue = context.Queue()
+    process = context.Process(target=lambda: queue.put([env.step(action)[0] for _ in range(130)]))
+    process.start()
+    found = queue.get(timeout=60)
+    process.join()
+    assert np.array_equal(found, [env.step(action)[0] for _ in range(130)])
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="needs Linux's account")
+@pytest.mark.parametrize("method", ["rk4", "exact"])
+def test_memory_does_not_grow_over_a_hundred_million_steps(method):
+    def resident():
+        with open("/proc/self/statm") as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+    n, half = 4096, 50_000_000
+    env = QuarterCarHumpVectorEnv(n, duration=SHORT, method=method)
+    env.reset(seed=0)
+    action = np.zeros((n, 2), np.float32)
+    sizes = []
+    for _ in range(2):
+        for _ in range(half // n + 1):
+            env.step(action)
+        sizes.append(resident())
+    # a byte that a car's step, or 400 that an interval, kept would be tens of megabytes
+    assert sizes[1] - sizes[0] < 4_000_000
 
 
 FREE = {"duration": 1e3, "force_scale": 0.2}  # no car comes to its end
