@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,14 +28,11 @@ NEXT_STEP = engine_sampled.NEXT_STEP
 SAME_STEP = engine_sampled.SAME_STEP
 
 
-class Interval(NamedTuple):  # not a dataclass: made in each step, in a fifth of the time
-    """What a control interval brought; the arrays are the caller's own."""
-
-    observations: NDArray[np.float32]  # (n, size)
-    numbers: NDArray[np.float64]  # (4 + m, n) reward, its terms x1, x2, travel, and the forces
-    ends: NDArray[np.bool_]  # (2, n) terminated, truncated
-    finished: int  # cars whose episode is over now
-    begun: int  # cars that have begun their next episode in this interval
+# What a control interval brings; the arrays are the caller's own. A plain tuple, as it is made in
+# each step: observations (n, size); numbers (4 + m, n): reward, its terms x1, x2, travel, and the
+# forces; ends (2, n): terminated, truncated; the number of cars whose episode is over now, and of
+# those that have begun their next one.
+Interval: TypeAlias = tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], int, int]
 
 
 class Cars:
@@ -89,6 +86,7 @@ class Cars:
         self.scenarios = [scenario]
         self.size = task.observation_size(observe, observe_limit)
         self.actions = scenario.actuator.size
+        self._shapes = ((self.n, self.size), (4 + self.actions, self.n), (2, self.n))
         self.finals = np.empty((self.n, self.size), SHOWN)
         self.restarted = np.zeros(self.n, BOOL)
         self.restart_phases = np.zeros(self.n)
@@ -268,9 +266,9 @@ class Cars:
             If an action is not a finite number, or a car's episode is over and nothing begins the
             next one. No car has moved then.
         """
-        observations = np.empty((self.n, self.size), SHOWN)
-        numbers = np.empty((4 + self.actions, self.n), FLOAT)
-        ends = np.empty((2, self.n), BOOL)
+        observations = np.empty(self._shapes[0], SHOWN)
+        numbers = np.empty(self._shapes[1], FLOAT)
+        ends = np.empty(self._shapes[2], BOOL)
         settings = self._settings[mode]
         if self._threads == 1 or self._blocks == 1:
             code, finished, begun = self._step(
@@ -281,7 +279,7 @@ class Cars:
             code, finished, begun = self._step_on_threads(rest, actions, mode)
         if code:
             self._refuse(code, actions)
-        return Interval(observations, numbers, ends, finished, begun)
+        return observations, numbers, ends, finished, begun
 
     def _step_on_threads(
         self, rest: tuple[Any, ...], actions: NDArray[np.float32], mode: int

@@ -16,7 +16,7 @@ from qcar_env.physics.state import State
 from qcar_env.physics.validation import finite, known, positive
 from qcar_env.scenarios import Scenario, scenario as find_scenario, vary
 
-SHOWN = np.dtype(np.float32)
+SHOWN, ARRAY = np.dtype(np.float32), np.ndarray  # looked up in each step
 
 if TYPE_CHECKING:
     from qcar_env.envs.rendering import Picture, Renderer
@@ -157,11 +157,12 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._held = self._car[engine_sampled.HELD :][:size]
         self._push = self._car[engine_sampled.PUSH :][:size]
         self._seen = self._car[engine_sampled.SEEN :].view(SHOWN)[: self._shape[0]]
+        self._copy_push, self._copy_seen = self._push.copy, self._seen.copy
         self._human = self.render_mode == "human"
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave compiled code and the window behind; they are made anew."""
-        made = ("_begin", "_advance", "_held", "_push", "_seen")
+        made = ("_begin", "_advance", "_held", "_push", "_seen", "_copy_push", "_copy_seen")
         kept = {name: value for name, value in vars(self).items() if name not in made}
         return {**kept, "_renderer": None}
 
@@ -287,7 +288,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         ValueError
             If the action has the wrong shape or is not a number, or the episode is over.
         """
-        if type(action) is not np.ndarray or action.dtype is not SHOWN or action.ndim != 1:
+        if type(action) is not ARRAY or action.dtype is not SHOWN or action.ndim != 1:
             action = self._checked(action)
         code, reward, x1, x2, travel, terminated, truncated = self._advance(self._car, action)
         if code:
@@ -295,12 +296,12 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._human:
             self.render()
         info = {
-            "force": self._push.copy(),
+            "force": self._copy_push(),
             "reward_x1": x1,
             "reward_x2": x2,
             "reward_travel": travel,
         }
-        return self._seen.copy(), reward, terminated, truncated, info
+        return self._copy_seen(), reward, terminated, truncated, info
 
     def _step_again(
         self, code: int, action: NDArray[np.float32]
