@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import torch
 from torch import nn
 
@@ -48,9 +49,21 @@ def export(actor: nn.Module, observation_size: int, path: Path) -> None:
                 verbose=False,
             )
         with replacing(path) as temporary:
-            program.save(str(temporary), external_data=False)
+            onnx.save(without_origin(program.model_proto), str(temporary))
     finally:
         quiet.setLevel(level)
+
+
+def without_origin(model: onnx.ModelProto) -> onnx.ModelProto:
+    """Return `model` without the exporter's notes, which hold stack traces and paths."""
+    plain = onnx.ModelProto()
+    plain.CopyFrom(model)
+    graph = plain.graph
+    for part in (plain, graph, *graph.node, *graph.value_info, *graph.input, *graph.output):
+        del part.metadata_props[:]
+    for node in graph.node:
+        node.doc_string = ""
+    return plain
 
 
 def largest_difference(actor: nn.Module, path: Path, observation_size: int, seed: int = 0) -> float:

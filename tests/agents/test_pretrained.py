@@ -71,3 +71,10 @@ def test_an_agent_loads_without_torch():
         cwd=PRETRAINED.parent.parent,
     )
     assert done.stdout.strip() == "(2,)", done.stderr
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_shipped_policy_says_nothing_of_the_machine_that_made_it(name):
+    content = (PRETRAINED / name / "policy.onnx").read_bytes()
+    assert b"stack_trace" not in content
+    assert b'File "' not in content
