@@ -86,6 +86,7 @@ SCRATCH_SIZE = (SCRATCH + CAR) * LANES  # and behind them the states before a cr
 REWARD, REWARD_X1, REWARD_X2, REWARD_TRAVEL, FIRST_FORCE = range(5)
 
 HIGHEST = 1e38  # an action above is not a finite float32
+MANY = 32  # [blocks] that do not fit the second-level cache of 1 MB: fetched ahead from there on
 DRAWS = 12  # uniform numbers that the start of an episode takes
 RESEED = 64  # [intervals] after which phasors in single precision are computed anew
 RESEED_EXACT = 512  # the same where an interval turns them once, instead of in each half step
@@ -502,6 +503,7 @@ def _kernels(
             return -1, 0, 0
         finished = 0
         begun = 0
+        many = end_block - first_block >= MANY
         for block in range(first_block, end_block):
             z = slabs[block]
             base = block * LANES
@@ -537,7 +539,8 @@ def _kernels(
                 reseed(z, lanes, dt)
             # The next block comes from a slower cache while this one is worked on.
             ahead = slabs[min(block + 1, end_block - 1)]
-            asked, share = 0, 1 + LINES // substeps
+            asked = 0 if many else LINES
+            share = 1 + LINES // substeps
             if exact:
                 for line in range(CAR * LANES // LINE):
                     prefetch(ahead, line * LINE)
