@@ -1,4 +1,4 @@
-"""Statistics of few runs: interquartile mean, stratified bootstrap, probability of improvement.
+"""Statistics of few runs: interquartile mean, stratified bootstrap, shares, improvement.
 
 Source: R. Agarwal, M. Schwarzer, P. S. Castro, A. Courville, M. G. Bellemare, Deep reinforcement
 learning at the edge of the statistical precipice, NeurIPS 2021. All draws come from the generator
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 from qcar_env.physics.validation import whole
 
@@ -90,8 +91,7 @@ def bootstrap(
         If a stratum is empty or not finite, or a number is out of range.
     """
     whole("resamples", resamples)
-    if not 0.0 < level < 1.0:
-        raise ValueError(f"level must lie between 0 and 1, got {level}; give 0.95")
+    _check_level(level)
     groups = [_values(each) for each in strata]
     if not groups:
         raise ValueError("strata must not be empty; give at least one group of values")
@@ -162,6 +162,49 @@ def improvement_interval(
     tail = 0.5 * (1.0 - level)
     low, high = np.quantile(total, (tail, 1.0 - tail))
     return Interval(value=value, low=float(low), high=float(high), level=level)
+
+
+def share_interval(
+    successes: ArrayLike, trials: int, *, level: float = 0.95
+) -> tuple[Array, Array]:
+    """Return the exact interval of a share, from how often something happened in some trials.
+
+    Parameters
+    ----------
+    successes : array_like (...)
+        How often it happened, 0 to `trials`.
+    trials : int
+        Number of independent trials.
+    level : float
+        Share of such intervals that hold the truth, at least [-], between 0 and 1.
+
+    Returns
+    -------
+    low, high : ndarray (...)
+        Ends of the interval of C. J. Clopper and E. S. Pearson, Biometrika 26 (1934), 404-413.
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range.
+    """
+    whole("trials", trials)
+    _check_level(level)
+    k = np.asarray(successes, dtype=np.float64)
+    if not np.all((k >= 0.0) & (k <= trials)):
+        raise ValueError(
+            f"successes must lie between 0 and {trials} trials, got {successes}; count again"
+        )
+    tail = 0.5 * (1.0 - level)
+    low = np.where(k > 0.0, stats.beta.ppf(tail, np.maximum(k, 1.0), trials - k + 1.0), 0.0)
+    rest = np.maximum(trials - k, 1.0)
+    high = np.where(k < trials, stats.beta.ppf(1.0 - tail, k + 1.0, rest), 1.0)
+    return low, high
+
+
+def _check_level(level: float) -> None:
+    if not 0.0 < level < 1.0:
+        raise ValueError(f"level must lie between 0 and 1, got {level}; give 0.95")
 
 
 def _values(given: ArrayLike) -> Array:

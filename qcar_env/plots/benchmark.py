@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.evaluation.statistics import Interval
+from qcar_env.evaluation.statistics import Interval, share_interval
 from qcar_env.plots.style import DOUBLE_COLUMN, Line, line
 
 Array = NDArray[np.float64]
@@ -251,15 +251,23 @@ def robustness(ax: Axes, policies: Mapping[str, ArrayLike], bound: ArrayLike) ->
         rho of every crossing by policy [-].
     bound : array_like (n,)
         Lower bound of the optimum in every crossing [-].
+
+    Notes
+    -----
+    The bands are the 95 % intervals of the share in all crossings of which these are a sample, at
+    each abscissa by itself (see `qcar_env.evaluation.statistics.share_interval`).
     """
     everything = {"optimum": bound, **policies}
     for name, values in everything.items():
         style = look(name)
         ordered = np.sort(np.maximum(np.asarray(values, dtype=np.float64), SMALLEST))
-        share = np.arange(1, len(ordered) + 1) / len(ordered)
+        count = np.arange(len(ordered) + 1)
+        edges = np.concatenate([ordered[:1], ordered])
+        low, high = share_interval(count, len(ordered))
+        ax.fill_between(edges, low, high, step="post", color=style.color, alpha=0.12, linewidth=0.0)
         ax.step(
-            np.concatenate([ordered[:1], ordered]),
-            np.concatenate([[0.0], share]),
+            edges,
+            count / len(ordered),
             where="post",
             color=style.color,
             linestyle=style.linestyle,

@@ -8,6 +8,7 @@ from qcar_env.evaluation.statistics import (
     iqm,
     mean,
     probability_of_improvement,
+    share_interval,
 )
 
 
@@ -73,6 +74,23 @@ def test_probability_of_improvement_of_shifted_normals():
     truth = stats.norm.cdf(1.0 / np.sqrt(2.0))
     assert found.low < truth < found.high
     assert found.high - found.low < 0.1
+
+
+@pytest.mark.parametrize("trials", [1, 7, 48])
+def test_the_interval_of_a_share_is_that_of_the_binomial_test(trials):
+    count = np.arange(trials + 1)
+    low, high = share_interval(count, trials, level=0.9)
+    for k in count:
+        expected = stats.binomtest(int(k), trials).proportion_ci(0.9, method="exact")
+        assert low[k] == pytest.approx(expected.low, abs=1e-12)
+        assert high[k] == pytest.approx(expected.high, abs=1e-12)
+
+
+def test_the_interval_of_a_share_refuses_impossible_counts():
+    with pytest.raises(ValueError, match="between 0 and 4 trials"):
+        share_interval([1, 5], 4)
+    with pytest.raises(ValueError, match="level must lie between"):
+        share_interval([1], 4, level=1.0)
 
 
 def test_bad_values_are_refused():

@@ -7,7 +7,7 @@ import pytest
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-from qcar_env.evaluation.statistics import Interval
+from qcar_env.evaluation.statistics import Interval, share_interval
 from qcar_env.plots import benchmark
 
 LIMITS = [0.25, 0.5, 1.0]
@@ -56,6 +56,16 @@ def test_robustness_ends_at_one(ax):
         assert line.get_ydata()[0] == 0.0
         assert line.get_ydata()[-1] == 1.0
     assert ax.get_lines()[1].get_xdata()[-1] == 0.4
+
+
+def test_robustness_has_a_band_of_the_share_around_each_line(ax):
+    benchmark.robustness(ax, {"cnvc": [0.2, 0.1, 0.4]}, [0.05, 0.05, 0.1])
+    assert len(ax.collections) == 2
+    for band in ax.collections:
+        edges = band.get_paths()[0].vertices
+        low, high = share_interval([1], 3)
+        assert np.any(np.isclose(edges[:, 1], low[0]))
+        assert np.any(np.isclose(edges[:, 1], high[0]))
 
 
 def test_histories_and_forces(ax):
