@@ -357,7 +357,8 @@ def _shared_numbers(scenario: Scenario, nominal: NDArray[np.float64]) -> NDArray
     kernels = engine_sampled.kernels(
         functions, task.FULL_SIZE, False, scenario.actuator.size, False
     )
-    kernels.reset_one(car, np.zeros(task.DRAWS), engine_sampled.NOTHING_GIVEN, nominal)
+    given = engine_sampled.NOTHING_GIVEN
+    kernels.reset_one(car, engine.array_makers(), np.zeros(task.DRAWS), given, nominal)
     made = exact_transition(scenario.car, scenario.road, scenario.force, scenario.dt)
     weights = np.hstack([made.A, made.B, made.road, made.force]).ravel()
     by = World(angle(scenario.road.omega * made.dt), angle(scenario.force.Omega * made.dt))

@@ -16,7 +16,7 @@ from qcar_env.physics.state import State
 from qcar_env.physics.validation import finite, known, positive
 from qcar_env.scenarios import Scenario, scenario as find_scenario, vary
 
-SHOWN, ARRAY = np.dtype(np.float32), np.ndarray  # looked up in each step
+SHOWN = np.dtype(np.float32)
 
 if TYPE_CHECKING:
     from qcar_env.envs.rendering import Picture, Renderer
@@ -151,18 +151,14 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             False,
         )
         self._begin = kernels.reset_one
-        action = np.empty(self._action_shape, SHOWN)
-        self._advance = engine.direct(kernels.step_one, self._car, action)
-        size = self._action_shape[0]
-        self._held = self._car[engine_sampled.HELD :][:size]
-        self._push = self._car[engine_sampled.PUSH :][:size]
-        self._seen = self._car[engine_sampled.SEEN :].view(SHOWN)[: self._shape[0]]
-        self._copy_push, self._copy_seen = self._push.copy, self._seen.copy
+        self._held = np.array([self._car.ctypes.data, *engine.array_makers()], np.int64)
+        self._place = self._held.ctypes.data
+        self._advance = engine.direct(kernels.step_one, self._place, engine.OBJECT)
         self._human = self.render_mode == "human"
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave compiled code and the window behind; they are made anew."""
-        made = ("_begin", "_advance", "_held", "_push", "_seen", "_copy_push", "_copy_seen")
+        made = ("_held", "_place", "_begin", "_advance")
         kept = {name: value for name, value in vars(self).items() if name not in made}
         return {**kept, "_renderer": None}
 
@@ -258,12 +254,14 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._car[engine_sampled.DT] = base.dt
         self._car[engine_sampled.SUBSTEPS] = base.substeps
         draws = self.np_random.random(task.DRAWS)
-        self._begin(self._car, draws, tuple(given), np.array(self._numbers))
+        observation = self._begin(
+            self._car, engine.array_makers(), draws, tuple(given), np.array(self._numbers)
+        )
         self._episode = task.draw_factors(draws.tolist(), self._numbers)
         if self.render_mode == "human":
             self.render()
         phase = float(self._car[engine_sampled.PHASE])
-        return self._seen.copy(), {"force": self._push.copy(), "phase": phase}
+        return observation, {"force": np.zeros(self._action_shape), "phase": phase}
 
     def step(
         self, action: NDArray[np.float32]
@@ -288,23 +286,19 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         ValueError
             If the action has the wrong shape or is not a number, or the episode is over.
         """
-        if type(action) is not ARRAY or action.dtype is not SHOWN or action.ndim != 1:
-            action = self._checked(action)
-        code, reward, x1, x2, travel, terminated, truncated = self._advance(self._car, action)
+        advance = self._advance
+        code, observation, reward, terminated, truncated, force, x1, x2, travel = advance(
+            self._place, action
+        )
         if code:
             return self._step_again(code, action)
         if self._human:
             self.render()
-        info = {
-            "force": self._copy_push(),
-            "reward_x1": x1,
-            "reward_x2": x2,
-            "reward_travel": travel,
-        }
-        return self._copy_seen(), reward, terminated, truncated, info
+        info = {"force": force, "reward_x1": x1, "reward_x2": x2, "reward_travel": travel}
+        return observation, reward, terminated, truncated, info
 
     def _step_again(
-        self, code: int, action: NDArray[np.float32]
+        self, code: int, action: Any
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Take a step with an action that the engine has not taken as it is, or refuse it."""
         if code == -3:
@@ -315,7 +309,8 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         raise ValueError(f"action must be finite, got {action}; allowed range is [-1, 1]")
 
     def _checked(self, action: Any) -> NDArray[np.float32]:
-        a = np.asarray(action, SHOWN, "C")
+        """Return a copy of an action as an array of the kind that the engine takes."""
+        a = np.array(action, SHOWN)
         if a.shape != self._action_shape:
             raise ValueError(
                 f"action must have shape {self._action_shape}, got {a.shape}; "
@@ -369,7 +364,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             time=self.time,
             elapsed=self._elapsed * self._base.dt,
             state=self.state,
-            action=tuple(self._held.tolist()),
+            action=tuple(self._car[engine_sampled.HELD :][: self._action_shape[0]].tolist()),
         )
 
     def close(self) -> None:

@@ -27,12 +27,16 @@ from qcar_env.physics.engine import (
     carray,
     compiled,
     compiled_apart,
+    data_of,
+    fresh,
+    is_row,
     kernel,
     load,
     load_wide,
     load_world,
     pointer_at,
     prefetch,
+    single_kernel,
     source_stamp,
     store,
     store_world,
@@ -69,9 +73,7 @@ ROWS = 52
 DT = ROWS  # control interval [s]
 SUBSTEPS = ROWS + 1  # integration steps in it [-]
 HELD = ROWS + 2  # the actions of the last interval, within [-1, 1]
-PUSH = ROWS + 4  # and their forces [m/s^2] or [N]
-SEEN = ROWS + 6  # observation: up to nine numbers in single precision
-ONE_CAR = ROWS + 11
+ONE_CAR = ROWS + 4
 
 # Rows of what is passed on within an interval.
 FORCE = 0  # u1, u2 held [m/s^2]
@@ -340,10 +342,12 @@ def kernels(
 
     ``reset(slabs, quiet, streams, nominals, which, mask, given, dt, observations)`` begins
     episodes of the cars in `mask` (n,) and writes all observations; given (n, 5) has states and
-    phases, drawn where they are not a number. ``reset_one(car, draws, given, nominal)`` and
-    ``step_one(car, action)`` do the same for one car, a slab (ONE_CAR,) by itself, and leave
-    observation and forces in it; `step_one` returns ``(code, reward, its terms x1, x2, travel,
-    terminated, truncated)``, with the code -3 for an action that is not m numbers in a row.
+    phases, drawn where they are not a number. ``reset_one(car, makers, draws, given,
+    nominal)`` does the same for one car, a slab (ONE_CAR,) by itself, and returns its observation;
+    `makers` are those of `qcar_env.physics.engine.array_makers`. ``step_one(place, action)`` steps
+    it; at the address `place` are that of the car and `makers`. It returns ``(code, observation,
+    reward, terminated, truncated, forces, reward terms x1, x2, travel)``, with the code -3 for an
+    action that is not an array (m,) of float32.
     """
     return _kernels(task, entries, with_limit, actions, single, exact)
 
@@ -385,25 +389,32 @@ def _kernels(
     draw_motion = compiled_apart(task.draw_motion)
     begin = compiled_apart(task.begin)
 
-    @kernel
-    def reset_one(car: Any, draws: Any, given: Any, nominal: Any) -> None:
+    @single_kernel
+    def reset_one(car: Any, makers: Any, draws: Any, given: Any, nominal: Any) -> Any:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         numbers = load(nominal, 1, 0, 0, Nominal)
         start_car(car, 1, 0, draws, given, numbers, draw_factors, draw_motion, begin)
-        store(car, 1, HELD, 0, (0.0, 0.0, 0.0, 0.0))
-        seen = car[SEEN:].view(np.float32)
-        show(car, 1, 0, seen, observe, bounded, Scales, entries, with_limit, limit)
+        store(car, 1, HELD, 0, (0.0, 0.0))
+        seen = fresh(makers, np.float32(0), size)
+        shown = carray(data_of(seen, np.float32(0)), (size,))
+        show(car, 1, 0, shown, observe, bounded, Scales, entries, with_limit, limit)
+        return seen
 
-    @kernel
-    def step_one(car: Any, action: Any) -> Any:
+    @single_kernel
+    def step_one(place: Any, action: Any) -> Any:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        held = carray(pointer_at(place, np.int64(0)), (3,))
+        car = carray(pointer_at(held[0], 0.0), (ONE_CAR,))
+        makers = held[1], held[2]
+        seen, push = fresh(makers, np.float32(0), size), fresh(makers, 0.0, actions)
+        if not is_row(makers, action, actions):
+            return -3, seen, 0.0, False, False, push, 0.0, 0.0, 0.0
         if car[DONE] > 0.0:
-            return -2, 0.0, 0.0, 0.0, 0.0, False, False
-        if action.shape[0] != actions or action.strides[0] != action.itemsize:
-            return -3, 0.0, 0.0, 0.0, 0.0, False, False
-        first, last = np.float64(action[0]), np.float64(action[actions - 1])
+            return -2, seen, 0.0, False, False, push, 0.0, 0.0, 0.0
+        given = carray(data_of(action, np.float32(0)), (actions,))
+        first, last = np.float64(given[0]), np.float64(given[actions - 1])
         if not (abs(first) <= HIGHEST and abs(last) <= HIGHEST):
-            return -1, 0.0, 0.0, 0.0, 0.0, False, False
+            return -1, seen, 0.0, False, False, push, 0.0, 0.0, 0.0
         dt, substeps = car[DT], int(car[SUBSTEPS])
         first, last = bounded(first, 1.0), bounded(last, 1.0)
         limits = load(car, 1, LIMITS, 0, Limits)
@@ -418,11 +429,16 @@ def _kernels(
         penalty = -fine(scales) if terminated else 0.0
         truncated = elapsed >= car[LAST] and not terminated
         car[DONE] = 1.0 if terminated or truncated else 0.0
-        seen = car[SEEN:].view(np.float32)
-        show(car, 1, 0, seen, observe, bounded, Scales, entries, with_limit, limit)
+        reward = -cost1 - cost2 + penalty
+        shown = carray(data_of(seen, np.float32(0)), (size,))
+        show(car, 1, 0, shown, observe, bounded, Scales, entries, with_limit, limit)
+        store(car, 1, HELD, 0, (first, last))
         forces = load(car, 1, FORCES, 0, Limits)
-        store(car, 1, HELD, 0, (first, last, first * forces.u1, last * forces.u2))
-        return 0, -cost1 - cost2 + penalty, -cost1, -cost2, penalty, terminated, truncated
+        pushed = carray(data_of(push, 0.0), (actions,))
+        pushed[0] = first * forces.u1
+        if actions == 2:
+            pushed[1] = last * forces.u2
+        return 0, seen, reward, terminated, truncated, push, -cost1, -cost2, penalty
 
     @kernel
     def reset(

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import pickle
 import subprocess
 import sys
 
@@ -435,6 +436,50 @@ def test_an_action_of_the_wrong_shape_is_refused(action, shape):
     with pytest.raises(ValueError, match=rf"action must have shape \(2,\), got {shape}; give one"):
         env.step(np.array(action, dtype=np.float32))
     assert env.state == before
+
+
+class Marked(np.ndarray):
+    """An array of another class."""
+
+
+PUSH = np.array([0.1, -0.3], np.float32)
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        pickle.loads(pickle.dumps(PUSH)),
+        np.stack([PUSH, PUSH], axis=1)[:, 0],
+        PUSH.astype(">f4"),
+        PUSH.astype(np.float64),
+        PUSH.astype(np.dtype(np.float32, metadata={"unit": "-"})),
+        PUSH.view(Marked),
+        PUSH.tolist(),
+        tuple(PUSH),
+    ],
+    ids=["pickled", "strided", "swapped", "float64", "metadata", "subclass", "list", "tuple"],
+)
+def test_an_action_is_what_its_numbers_say_whatever_holds_them(action):
+    """The engine reads a plain float32 array by itself; all else is turned into one before."""
+    env, other = started(), started()
+    expected = env.step(PUSH)[0]
+    np.testing.assert_array_equal(other.step(action)[0], expected)
+
+
+def test_what_a_step_returns_is_the_callers_own():
+    env = started()
+    first = env.step(PUSH)
+    kept = first[0].copy(), first[4]["force"].copy()
+    second = env.step(-PUSH)
+    for array in (first[0], first[4]["force"], second[0], second[4]["force"]):
+        assert type(array) is np.ndarray
+        assert array.flags.owndata
+        assert array.flags.writeable
+    np.testing.assert_array_equal(first[0], kept[0])
+    np.testing.assert_array_equal(first[4]["force"], kept[1])
+    first[0][:] = 7.0
+    assert not np.shares_memory(first[0], second[0])
+    assert np.all(second[0] != 7.0)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
