@@ -29,10 +29,23 @@ SAME_STEP = engine_sampled.SAME_STEP
 
 
 # What a control interval brings; the arrays are the caller's own. A plain tuple, as it is made in
-# each step: observations (n, size); numbers (4 + m, n): reward, its terms x1, x2, travel, and the
-# forces; ends (2, n): terminated, truncated; the number of cars whose episode is over now, and of
-# those that have begun their next one.
-Interval: TypeAlias = tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.bool_], int, int]
+# each step: whether the actions fitted; observations (n, size); rewards (n,); terminated and
+# truncated (n,); forces (n, m); the terms of the reward x1, x2 and travel, (n,) each; the number of
+# cars whose episode is over now, and of those that have begun their next one.
+Numbers: TypeAlias = NDArray[np.float64]
+Interval: TypeAlias = tuple[
+    bool,
+    NDArray[np.float32],
+    Numbers,
+    NDArray[np.bool_],
+    NDArray[np.bool_],
+    Numbers,
+    Numbers,
+    Numbers,
+    Numbers,
+    int,
+    int,
+]
 
 
 class Cars:
@@ -86,7 +99,6 @@ class Cars:
         self.scenarios = [scenario]
         self.size = task.observation_size(observe, observe_limit)
         self.actions = scenario.actuator.size
-        self._shapes = ((self.n, self.size), (4 + self.actions, self.n), (2, self.n))
         self.finals = np.empty((self.n, self.size), SHOWN)
         self.restarted = np.zeros(self.n, BOOL)
         self.restart_phases = np.zeros(self.n)
@@ -123,21 +135,14 @@ class Cars:
         )
         self._pid = os.getpid()
         self._hold()
-        self._step = engine.direct(
-            self._kernels.step,
-            0,
-            0,
-            1,
-            self._held,
-            self._settings[NEXT_STEP],
-            np.empty((1, self.actions), SHOWN),
-            np.empty((1, self.size), SHOWN),
-            np.empty((4 + self.actions, 1), FLOAT),
-            np.empty((2, 1), BOOL),
-        )
+        self._prepare = engine.direct(self._kernels.prepare, 0, engine.OBJECT)
+        self._step = engine.direct(self._kernels.step, 0, 0, 1, NEXT_STEP, 0)
 
     def _hold(self) -> None:
         """Note where the arrays lie, for the kernel."""
+        dt, substeps = self._sizes
+        self._settings = np.array([dt, substeps, *step_fractions(dt / substeps)])
+        self._held = np.zeros(engine_sampled.HELD_SIZE, np.int64)
         arrays: list[NDArray[Any]] = [
             self._slabs,
             self._quiet,
@@ -148,22 +153,20 @@ class Cars:
             self.finals,
             self.restarted,
             self.restart_phases,
+            self._shared,
+            self._settings,
         ]
+        numbers = (self.n, len(self._nominals), *engine.array_makers())
         addresses = [each.ctypes.data for each in arrays]
-        shared = self._shared.ctypes.data
-        self._held = np.array([*addresses, len(self._nominals), shared], np.int64)
-        dt, substeps = self._sizes
-        self._settings = {
-            mode: np.array([dt, substeps, mode, *step_fractions(dt / substeps)])
-            for mode in (DISABLED, NEXT_STEP, SAME_STEP)
-        }
+        self._held[: engine_sampled.GIVEN] = [*addresses, *numbers]
+        self._place = self._held.ctypes.data
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave compiled code and threads behind; they are made anew."""
         return {
             k: v
             for k, v in vars(self).items()
-            if k not in ("_kernels", "_step", "_pool", "_pid", "_held")
+            if k not in ("_kernels", "_prepare", "_step", "_pool", "_pid", "_held", "_place")
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -251,8 +254,8 @@ class Cars:
 
         Parameters
         ----------
-        actions : ndarray (n, m) of float32
-            Forces over their limits, contiguous.
+        actions : ndarray (n, m)
+            Forces over their limits.
         mode : int
             `DISABLED`, `NEXT_STEP` or `SAME_STEP`: what becomes of a car whose episode is over.
 
@@ -263,27 +266,23 @@ class Cars:
         Raises
         ------
         ValueError
-            If an action is not a finite number, or a car's episode is over and nothing begins the
-            next one. No car has moved then.
+            If the actions have the wrong shape, one is not a finite number, or a car's episode is
+            over and nothing begins the next one. No car has moved then.
         """
-        observations = np.empty(self._shapes[0], SHOWN)
-        numbers = np.empty(self._shapes[1], FLOAT)
-        ends = np.empty(self._shapes[2], BOOL)
-        settings = self._settings[mode]
+        prepare, step, place = self._prepare, self._step, self._place
+        made = prepare(place, actions)
+        if not made[0]:
+            actions = self._checked(actions)
+            made = prepare(place, actions)
         if self._threads == 1 or self._blocks == 1:
-            code, finished, begun = self._step(
-                0, 0, self._blocks, self._held, settings, actions, observations, numbers, ends
-            )
+            code, finished, begun = step(0, 0, self._blocks, mode, place)
         else:
-            rest = (self._held, settings, actions, observations, numbers, ends)
-            code, finished, begun = self._step_on_threads(rest, actions, mode)
+            code, finished, begun = self._step_on_threads(actions, mode)
         if code:
             self._refuse(code, actions)
-        return observations, numbers, ends, finished, begun
+        return *made, finished, begun
 
-    def _step_on_threads(
-        self, rest: tuple[Any, ...], actions: NDArray[np.float32], mode: int
-    ) -> tuple[int, int, int]:
+    def _step_on_threads(self, actions: NDArray[np.float32], mode: int) -> tuple[int, int, int]:
         if not np.isfinite(actions).all():  # before any worker moves a car
             return -1, 0, 0
         if mode == DISABLED and self.done.any():
@@ -293,12 +292,24 @@ class Cars:
             self._pid = os.getpid()
         workers = min(self._threads, self._blocks)
         edges = [self._blocks * i // workers for i in range(workers + 1)]
+        rest = (mode, self._place)
         jobs = [
             self._pool.submit(self._step, i, edges[i], edges[i + 1], *rest)
             for i in range(1, workers)
         ]
         results = [self._step(0, 0, edges[1], *rest), *(job.result() for job in jobs)]
         return 0, sum(each[1] for each in results), sum(each[2] for each in results)
+
+    def _checked(self, actions: Any) -> NDArray[np.float32]:
+        """Return a copy of the actions as an array of the kind that the engine takes."""
+        made = np.array(actions, SHOWN, order="C")
+        shape = (self.n, self.actions)
+        if made.shape != shape:
+            raise ValueError(
+                f"actions must have shape {shape}, got {made.shape}; give one number for each "
+                "car and actuator. No car has moved"
+            )
+        return made
 
     def _refuse(self, code: int, actions: NDArray[np.float32]) -> None:
         if code == -1:

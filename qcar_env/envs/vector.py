@@ -16,15 +16,10 @@ from qcar_env.envs import cars as batch, task
 from qcar_env.physics.engine_sampled import (
     AMPLITUDES,
     ELAPSED,
-    FIRST_FORCE,
     FORCES,
     OMEGA,
     PIECES,
     PLANT,
-    REWARD,
-    REWARD_TRAVEL,
-    REWARD_X1,
-    REWARD_X2,
     ROWS,
     START,
 )
@@ -36,7 +31,7 @@ from qcar_env.scenarios import Scenario, scenario as find_scenario
 if TYPE_CHECKING:
     from qcar_env.envs.rendering import Painter, Picture
 
-TERMS = {"reward_x1": REWARD_X1, "reward_x2": REWARD_X2, "reward_travel": REWARD_TRAVEL}
+TERMS = ("reward_x1", "reward_x2", "reward_travel")
 MODES = {
     AutoresetMode.DISABLED: batch.DISABLED,
     AutoresetMode.NEXT_STEP: batch.NEXT_STEP,
@@ -256,27 +251,37 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         ResetNeeded
             Before the first reset.
         """
-        given = np.ascontiguousarray(actions, batch.SHOWN)
-        if given.shape != self._shape or not self._started:
-            self._refuse(given)
-        found = self._cars.step(given, self._mode)
+        if not self._started:
+            raise gym.error.ResetNeeded("no episode yet; call reset before step")
+        (
+            _,
+            observations,
+            rewards,
+            terminated,
+            truncated,
+            force,
+            reward_x1,
+            reward_x2,
+            reward_travel,
+            _,
+            begun,
+        ) = self._cars.step(actions, self._mode)
         if self.render_mode is not None:
-            self._actions = given.clip(-1.0, 1.0)
-        observations, numbers, ends, _, begun = found
+            self._actions = np.array(actions, batch.SHOWN).clip(-1.0, 1.0)
         every = self._every
         info: dict[str, Any] = {
-            "force": numbers[FIRST_FORCE:].T,
+            "force": force,
             "_force": every,
-            "reward_x1": numbers[REWARD_X1],
+            "reward_x1": reward_x1,
             "_reward_x1": every,
-            "reward_x2": numbers[REWARD_X2],
+            "reward_x2": reward_x2,
             "_reward_x2": every,
-            "reward_travel": numbers[REWARD_TRAVEL],
+            "reward_travel": reward_travel,
             "_reward_travel": every,
         }
         if begun:
             info = self._after_restarts(info)
-        return observations, numbers[REWARD], ends[0], ends[1], info
+        return observations, rewards, terminated, truncated, info
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return the frames (480, 640, 3) of the cars in `render_cars`.
@@ -374,14 +379,6 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             for name in TERMS:
                 del info[name], info[f"_{name}"]
         return info
-
-    def _refuse(self, actions: NDArray[np.float32]) -> None:
-        if not self._started:
-            raise gym.error.ResetNeeded("no episode yet; call reset before step")
-        raise ValueError(
-            f"actions must have shape {self._shape}, got {actions.shape}; give one number for each "
-            "car and actuator. No car has moved"
-        )
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
         if given is None:

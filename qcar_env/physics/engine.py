@@ -92,6 +92,7 @@ for _each in (
     motion.half_step_angles,
     motion.piece_phasor,
     motion.substep,
+    motion.four_substeps,
     exact_map.weighted,
     exact_map.exact_interval,
     closed_loop.saturate,
@@ -168,7 +169,7 @@ def _load(typingctx: Any, slab: Any, stride: Any, row: Any, lane: Any, kind: Any
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         places = _places(context, builder, signature, args, size)
-        values = [builder.load(place) for place in places]
+        values = [_apart(builder, builder.load(place), 0) for place in places]
         return context.make_tuple(builder, signature.return_type, values)
 
     return made(slab, stride, row, lane, kind), codegen
@@ -181,10 +182,85 @@ def _store(typingctx: Any, slab: Any, stride: Any, row: Any, lane: Any, values: 
         places = _places(context, builder, signature, args, len(values))
         for i, (place, kind) in enumerate(zip(places, values.types, strict=True)):
             value = builder.extract_value(args[4], i)
-            builder.store(context.cast(builder, value, kind, slab.dtype), place)
+            _apart(builder, builder.store(context.cast(builder, value, kind, slab.dtype), place), 0)
         return context.get_dummy_value()
 
     return types.void(slab, stride, row, lane, values), codegen
+
+
+def _put(typingctx: Any, address: Any, like: Any, index: Any, value: Any, channel: Any) -> Any:
+    """Write `value` as number `index` of those of the kind `like` at an address.
+
+    What is written through one of the `CHANNELS` must not lie in a slab, nor be reached through
+    another: the compiler relies on it.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        pointer = context.get_value_type(types.CPointer(like))
+        number = context.cast(builder, args[3], signature.args[3], like)
+        if like == types.boolean:
+            number = builder.zext(number, ir.IntType(8))
+        place = builder.gep(builder.inttoptr(args[0], pointer), [args[2]])
+        _apart(builder, builder.store(number, place), channel.literal_value)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, like, types.int64, value, channel), codegen
+
+
+CHANNELS = 9  # ways to memory that do not meet; 0 leads to slabs, the others are those of `put`
+
+
+def _apart(builder: Any, instruction: Any, channel: int) -> Any:
+    """Mark a load or store as one that meets no other channel; return it.
+
+    Without it, the compiler would have to compare the addresses of all rows before each loop over
+    cars, and gives up where there are many.
+    """
+    module = builder.module
+    domain = module.add_metadata(["qcar_env"])
+    scopes = [module.add_metadata([f"channel {i}", domain]) for i in range(CHANNELS)]
+    instruction.set_metadata("alias.scope", module.add_metadata([scopes[channel]]))
+    others = [scope for i, scope in enumerate(scopes) if i != channel]
+    instruction.set_metadata("noalias", module.add_metadata(others))
+    return instruction
+
+
+def _put_rows(typingctx: Any, slab: Any, stride: Any, lane: Any, address: Any, index: Any) -> Any:
+    """Write quantities 0 to 7 of cars `lane` to `lane` + 7, car by car, at an address.
+
+    Parameters as for `load`, in single precision; the first number goes to place `index`.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        array = context.make_array(signature.args[0])(context, builder, args[0])
+        vector = ir.VectorType(ir.FloatType(), 8)
+        column = builder.gep(array.data, [args[2]])
+        rows = []
+        for i in range(8):
+            place = builder.gep(column, [builder.mul(args[1], args[1].type(i))])
+            rows.append(builder.load(builder.bitcast(place, vector.as_pointer()), align=4))
+
+        def mixed(a: Any, b: Any, places: list[int]) -> Any:
+            mask = ir.Constant(ir.VectorType(ir.IntType(32), 8), places)
+            return builder.shuffle_vector(a, b, mask)
+
+        # distance of the rows that are mixed, and what of both goes into the first and the second
+        for distance, low, high in (
+            (1, [0, 8, 2, 10, 4, 12, 6, 14], [1, 9, 3, 11, 5, 13, 7, 15]),
+            (2, [0, 1, 8, 9, 4, 5, 12, 13], [2, 3, 10, 11, 6, 7, 14, 15]),
+            (4, [0, 1, 2, 3, 8, 9, 10, 11], [4, 5, 6, 7, 12, 13, 14, 15]),
+        ):
+            for i in range(8):
+                if i & distance == 0:
+                    a, b = rows[i], rows[i + distance]
+                    rows[i], rows[i + distance] = mixed(a, b, low), mixed(a, b, high)
+        start = builder.inttoptr(args[3], ir.FloatType().as_pointer())
+        for i in range(8):
+            place = builder.gep(start, [builder.add(args[4], args[4].type(8 * i))])
+            builder.store(rows[i], builder.bitcast(place, vector.as_pointer()), align=4)
+        return context.get_dummy_value()
+
+    return types.void(slab, types.int64, types.int64, types.int64, types.int64), codegen
 
 
 def _places(context: Any, builder: Any, signature: Any, args: Any, size: int) -> list[Any]:
@@ -241,6 +317,8 @@ prefetch: Any = intrinsic(_prefetch)
 load: Any = intrinsic(prefer_literal=True)(_load)
 load_wide: Any = intrinsic(prefer_literal=True)(_load_wide)
 store: Any = intrinsic(prefer_literal=True)(_store)
+put: Any = intrinsic(prefer_literal=True)(_put)
+put_rows: Any = intrinsic(_put_rows)
 
 
 @compiled
@@ -328,8 +406,8 @@ def _entry(builder: Any, start: Any, distance: int, kind: Any) -> Any:
     return builder.load(builder.bitcast(place, kind.as_pointer()))
 
 
-def _fresh(typingctx: Any, makers: Any, like: Any, size: Any) -> Any:
-    """Return a new array (size,) of numbers of the kind `like`."""
+def _fresh(typingctx: Any, makers: Any, like: Any, shape: Any) -> Any:
+    """Return a new array of numbers of the kind `like`; `shape` is a tuple."""
     number = np.dtype(str(like)).num
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -338,32 +416,34 @@ def _fresh(typingctx: Any, makers: Any, like: Any, size: Any) -> Any:
         kinds = [_BYTE, _INTEGER, sizes, _INTEGER, sizes, _BYTE, _INTEGER, _INTEGER, _BYTE]
         make = ir.FunctionType(_BYTE, kinds).as_pointer()
         address, array_type = (builder.extract_value(args[0], i) for i in (0, 1))
-        shape = builder.alloca(_WORD)
-        builder.store(context.cast(builder, args[2], signature.args[2], types.intp), shape)
+        counts = _counts(context, builder, args[2], shape)
+        places = builder.alloca(_WORD, len(counts))
+        for i, count in enumerate(counts):
+            builder.store(count, builder.gep(places, [_WORD(i)]))
         none, nothing, zero = _BYTE(None), sizes(None), _INTEGER(0)
-        options = [_INTEGER(1), shape, _INTEGER(number), nothing, none, zero, zero, none]
+        kind, dimensions = _INTEGER(number), _INTEGER(len(counts))
+        options = [dimensions, places, kind, nothing, none, zero, zero, none]
         return builder.call(
             builder.inttoptr(address, make), [builder.inttoptr(array_type, _BYTE), *options]
         )
 
-    return OBJECT(makers, like, size), codegen
+    return OBJECT(makers, like, shape), codegen
 
 
-def _data_of(typingctx: Any, array: Any, like: Any) -> Any:
-    """Return a pointer to the numbers, of the kind `like`, of an array."""
-    pointer = types.CPointer(like)
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return _entry(builder, args[0], _DATA, context.get_value_type(signature.return_type))
-
-    return pointer(array, like), codegen
-
-
-def _is_row(typingctx: Any, makers: Any, given: Any, size: Any) -> Any:
-    """Return whether an object is an array (size,) of float32, one number after the other."""
+def _address_of(typingctx: Any, array: Any) -> Any:
+    """Return the address of an array's numbers."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        count = context.cast(builder, args[2], signature.args[2], types.intp)
+        return _entry(builder, args[0], _DATA, _WORD)
+
+    return types.int64(array), codegen
+
+
+def _is_array(typingctx: Any, makers: Any, given: Any, shape: Any) -> Any:
+    """Return whether an object is an array of float32 in this shape, row by row."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        counts = _counts(context, builder, args[2], shape)
         result = builder.alloca(ir.IntType(1))
         builder.store(ir.IntType(1)(0), result)
 
@@ -371,25 +451,36 @@ def _is_row(typingctx: Any, makers: Any, given: Any, size: Any) -> Any:
             return builder.icmp_signed("==", _entry(builder, start, distance, value.type), value)
 
         with builder.if_then(equal(args[1], _TYPE, builder.extract_value(args[0], 1))):
-            with builder.if_then(equal(args[1], _DIMENSIONS, _INTEGER(1))):
-                shape, strides, kind = (
+            with builder.if_then(equal(args[1], _DIMENSIONS, _INTEGER(len(counts)))):
+                sizes, strides, kind = (
                     _entry(builder, args[1], each, _BYTE) for each in (_SHAPE, _STRIDES, _KIND)
                 )
                 tests = [
-                    equal(shape, 0, count),
-                    equal(strides, 0, _WORD(_FLOAT32.itemsize)),
                     equal(kind, _NUMBER, _INTEGER(_FLOAT32.num)),
                     equal(kind, _ORDER, ir.IntType(8)(ord(_FLOAT32.byteorder))),
                 ]
+                stride = _WORD(_FLOAT32.itemsize)
+                for i in reversed(range(len(counts))):
+                    tests.append(equal(sizes, 8 * i, counts[i]))
+                    tests.append(equal(strides, 8 * i, stride))
+                    stride = builder.mul(stride, counts[i])
                 builder.store(functools.reduce(builder.and_, tests), result)
         return builder.load(result)
 
-    return types.boolean(makers, given, size), codegen
+    return types.boolean(makers, given, shape), codegen
+
+
+def _counts(context: Any, builder: Any, values: Any, kinds: Any) -> list[Any]:
+    """Return the entries of a shape as 64-bit integers."""
+    return [
+        context.cast(builder, builder.extract_value(values, i), kind, types.intp)
+        for i, kind in enumerate(kinds)
+    ]
 
 
 fresh: Any = intrinsic(_fresh)
-data_of: Any = intrinsic(_data_of)
-is_row: Any = intrinsic(_is_row)
+address_of: Any = intrinsic(_address_of)
+is_array: Any = intrinsic(_is_array)
 
 
 def aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> NDArray[Any]:

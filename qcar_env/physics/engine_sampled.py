@@ -24,18 +24,20 @@ from qcar_env.physics.dynamics import Coefficients
 from qcar_env.physics.engine import (
     LANES,
     NEVER,
+    address_of,
     carray,
     compiled,
     compiled_apart,
-    data_of,
     fresh,
-    is_row,
+    is_array,
     kernel,
     load,
     load_wide,
     load_world,
     pointer_at,
     prefetch,
+    put,
+    put_rows,
     single_kernel,
     source_stamp,
     store,
@@ -44,7 +46,7 @@ from qcar_env.physics.engine import (
 from qcar_env.physics.engine_random import uniform
 from qcar_env.physics.exact_map import ExactMap, Weights, exact_interval
 from qcar_env.physics.forcing import Amplitudes, World
-from qcar_env.physics.motion import Plant, angle, interval, substep
+from qcar_env.physics.motion import Plant, angle, four_substeps, interval, substep
 from qcar_env.physics.rk4 import Step, step_fractions
 from qcar_env.physics.roads import Phasor, RoadPieces, kink_time
 from qcar_env.physics.state import State
@@ -77,17 +79,41 @@ ONE_CAR = ROWS + 4
 
 # Rows of what is passed on within an interval.
 FORCE = 0  # u1, u2 held [m/s^2]
-ACTION = 2  # the two actions within [-1, 1]
-ENTRIES = 4  # what is observed
-NUMBERS = 13  # reward, its terms x1, x2, travel
-ENDS = 17  # terminated, truncated
-SCRATCH = 19
-SCRATCH_SIZE = (SCRATCH + CAR) * LANES  # and behind them the states before a crossing of kinks
+ENTRIES = 2  # what is observed: nine rows in single precision
+SAVED = 11  # the states before a crossing of kinks
+SCRATCH_SIZE = (SAVED + CAR) * LANES
 
-# What `numbers` has a row for; the forces follow.
-REWARD, REWARD_X1, REWARD_X2, REWARD_TRAVEL, FIRST_FORCE = range(5)
+# Where a batch's numbers lie, for `step`: addresses, as numba takes longer to unpack an argument
+# than to step a car.
+(
+    SLABS,  # (blocks, ROWS * LANES)
+    QUIET,  # (blocks,) of int64: for how many intervals no car of a block can meet a kink
+    STREAMS,  # (n, 4): random numbers
+    NOMINALS,  # (k, fields): scenarios
+    WHICH,  # (n,) of int64: from which of them each car draws its episodes
+    SCRATCHES,  # (workers, SCRATCH_SIZE)
+    FINALS,  # (n, size) of float32: last observations of the cars that have begun again
+    RESTARTED,  # (n,) of bool: which cars these are; never cleared here
+    PHASES,  # (n,): of their roads
+    COMMON,  # (SHARED,): what all cars have in common where the exact map advances them
+    SETTINGS,  # (6,): dt, substeps and the Step
+    CARS,  # the number n
+    SCENARIOS,  # the number k
+    MAKER,  # two addresses, see `qcar_env.physics.engine.array_makers`
+    ARRAY_TYPE,
+    GIVEN,  # (n, m) of float32: actions; this and the following are what `prepare` notes
+    SEEN,  # (n, size) of float32: observations
+    REWARD,  # (n,)
+    TERMINATED,  # (n,) of bool
+    TRUNCATED,  # (n,) of bool
+    PUSH,  # (n, m): forces
+    REWARD_X1,  # (n,): the terms of the reward
+    REWARD_X2,  # (n,)
+    REWARD_TRAVEL,  # (n,)
+    HELD_SIZE,
+) = range(25)
 
-HIGHEST = 1e38  # an action above is not a finite float32
+HIGHEST = np.float32(1e38)  # an action above is not a finite float32
 MANY = 32  # [blocks] that do not fit the second-level cache of 1 MB: fetched ahead from there on
 DRAWS = 12  # uniform numbers that the start of an episode takes
 RESEED = 64  # [intervals] after which phasors in single precision are computed anew
@@ -133,6 +159,7 @@ class Kernels(NamedTuple):
     """The compiled functions of a task."""
 
     step: Any
+    prepare: Any
     reset: Any
     step_one: Any
     reset_one: Any
@@ -361,7 +388,8 @@ def _kernels(
     assert task.DRAWS == DRAWS
     limit = task.OBSERVATION_LIMIT
     real = np.float32 if single else np.float64
-    UNIT, ONE, NONE, BOUND = real(1.0), real(1.0), real(0.0), real(limit)
+    UNIT, ONE, NONE, BOUND = real(1.0), real(1.0), real(0.0), np.float32(limit)
+    SIZE = np.dtype(real).itemsize
     Scales, Nominal = task.Scales, task.Nominal
     NOMINAL = len(Nominal._fields)
     assert len(Scales._fields) == LIMITS - SCALES
@@ -395,8 +423,8 @@ def _kernels(
         numbers = load(nominal, 1, 0, 0, Nominal)
         start_car(car, 1, 0, draws, given, numbers, draw_factors, draw_motion, begin)
         store(car, 1, HELD, 0, (0.0, 0.0))
-        seen = fresh(makers, np.float32(0), size)
-        shown = carray(data_of(seen, np.float32(0)), (size,))
+        seen = fresh(makers, np.float32(0), (size,))
+        shown = carray(pointer_at(address_of(seen), np.float32(0)), (size,))
         show(car, 1, 0, shown, observe, bounded, Scales, entries, with_limit, limit)
         return seen
 
@@ -406,12 +434,12 @@ def _kernels(
         held = carray(pointer_at(place, np.int64(0)), (3,))
         car = carray(pointer_at(held[0], 0.0), (ONE_CAR,))
         makers = held[1], held[2]
-        seen, push = fresh(makers, np.float32(0), size), fresh(makers, 0.0, actions)
-        if not is_row(makers, action, actions):
+        seen, push = fresh(makers, np.float32(0), (size,)), fresh(makers, 0.0, (actions,))
+        if not is_array(makers, action, (actions,)):
             return -3, seen, 0.0, False, False, push, 0.0, 0.0, 0.0
         if car[DONE] > 0.0:
             return -2, seen, 0.0, False, False, push, 0.0, 0.0, 0.0
-        given = carray(data_of(action, np.float32(0)), (actions,))
+        given = carray(pointer_at(address_of(action), np.float32(0)), (actions,))
         first, last = np.float64(given[0]), np.float64(given[actions - 1])
         if not (abs(first) <= HIGHEST and abs(last) <= HIGHEST):
             return -1, seen, 0.0, False, False, push, 0.0, 0.0, 0.0
@@ -430,11 +458,11 @@ def _kernels(
         truncated = elapsed >= car[LAST] and not terminated
         car[DONE] = 1.0 if terminated or truncated else 0.0
         reward = -cost1 - cost2 + penalty
-        shown = carray(data_of(seen, np.float32(0)), (size,))
+        shown = carray(pointer_at(address_of(seen), np.float32(0)), (size,))
         show(car, 1, 0, shown, observe, bounded, Scales, entries, with_limit, limit)
         store(car, 1, HELD, 0, (first, last))
         forces = load(car, 1, FORCES, 0, Limits)
-        pushed = carray(data_of(push, 0.0), (actions,))
+        pushed = carray(pointer_at(address_of(push), 0.0), (actions,))
         pushed[0] = first * forces.u1
         if actions == 2:
             pushed[1] = last * forces.u2
@@ -479,42 +507,63 @@ def _kernels(
                 )
             quiet[block] = quiet_intervals(z, lanes, dt)
 
-    @kernel
-    def step(
-        worker: Any,
-        first_block: Any,
-        end_block: Any,
-        held: Any,
-        settings: Any,
-        acts: Any,
-        observations: Any,
-        numbers: Any,
-        ends: Any,
-    ) -> Any:
+    @single_kernel
+    def prepare(place: Any, given: Any) -> Any:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        n = observations.shape[0]
-        slabs = carray(pointer_at(held[0], real(0)), (end_block, ROWS * LANES))
-        quiet = carray(pointer_at(held[1], np.int64(0)), (end_block,))
-        streams = carray(pointer_at(held[2], np.uint64(0)), (n, 4))
-        nominals = carray(pointer_at(held[3], 0.0), (held[9], NOMINAL))
-        phases = carray(pointer_at(held[8], 0.0), (n,))
-        which = carray(pointer_at(held[4], np.int64(0)), (n,))
-        s = carray(pointer_at(held[5], real(0)), (worker + 1, SCRATCH_SIZE))[worker]
-        finals = carray(pointer_at(held[6], np.float32(0)), (n, size))
-        restarted = carray(pointer_at(held[7], np.bool_(0)), (n,))
-        dt = settings[0]
-        substeps, mode = np.int64(settings[1]), np.int64(settings[2])
-        fractions = Step(real(settings[3]), real(settings[4]), real(settings[5]), real(settings[6]))
-        shared = carray(pointer_at(held[10], real(0)), (SHARED,))
+        held = carray(pointer_at(place, np.int64(0)), (HELD_SIZE,))
+        makers, n = (held[MAKER], held[ARRAY_TYPE]), held[CARS]
+        seen = fresh(makers, np.float32(0), (n, size))
+        reward, reward_x1 = fresh(makers, 0.0, (n,)), fresh(makers, 0.0, (n,))
+        reward_x2, reward_travel = fresh(makers, 0.0, (n,)), fresh(makers, 0.0, (n,))
+        terminated, truncated = fresh(makers, np.bool_(0), (n,)), fresh(makers, np.bool_(0), (n,))
+        push = fresh(makers, 0.0, (n, actions))
+        fits = is_array(makers, given, (n, actions))
+        if fits:
+            held[GIVEN] = address_of(given)
+        held[SEEN], held[REWARD], held[PUSH] = (
+            address_of(seen),
+            address_of(reward),
+            address_of(push),
+        )
+        held[TERMINATED], held[TRUNCATED] = address_of(terminated), address_of(truncated)
+        held[REWARD_X1], held[REWARD_X2] = address_of(reward_x1), address_of(reward_x2)
+        held[REWARD_TRAVEL] = address_of(reward_travel)
+        return fits, seen, reward, terminated, truncated, push, reward_x1, reward_x2, reward_travel
+
+    @kernel
+    def step(worker: Any, first_block: Any, end_block: Any, mode: Any, place: Any) -> Any:
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        held = carray(pointer_at(place, np.int64(0)), (HELD_SIZE,))
+        n = held[CARS]
+        slabs = carray(pointer_at(held[SLABS], real(0)), (end_block, ROWS * LANES))
+        quiet = carray(pointer_at(held[QUIET], np.int64(0)), (end_block,))
+        streams = carray(pointer_at(held[STREAMS], np.uint64(0)), (n, 4))
+        nominals = carray(pointer_at(held[NOMINALS], 0.0), (held[SCENARIOS], NOMINAL))
+        phases = carray(pointer_at(held[PHASES], 0.0), (n,))
+        which = carray(pointer_at(held[WHICH], np.int64(0)), (n,))
+        scratch = held[SCRATCHES] + worker * SCRATCH_SIZE * SIZE
+        s = carray(pointer_at(scratch, real(0)), (SCRATCH_SIZE,))
+        entries_of = carray(
+            pointer_at(scratch + ENTRIES * LANES * SIZE, np.float32(0)), (9 * LANES,)
+        )
+        finals = carray(pointer_at(held[FINALS], np.float32(0)), (n, size))
+        restarted = carray(pointer_at(held[RESTARTED], np.bool_(0)), (n,))
+        settings = carray(pointer_at(held[SETTINGS], 0.0), (6,))
+        dt, substeps = settings[0], np.int64(settings[1])
+        fractions = Step(real(settings[2]), real(settings[3]), real(settings[4]), real(settings[5]))
+        shared = carray(pointer_at(held[COMMON], real(0)), (SHARED,))
         the_map = load_map(shared)
         the_limits = load(shared, 1, LIMITS, 0, Limits)
-        the_scales, the_last = load(shared, 1, SCALES, 0, Scales), shared[LAST]
-        saved = s[SCRATCH * LANES :]
-        seen_flat = observations.reshape(observations.size)
-        acts_flat = acts.reshape(acts.size)
-        wrong = 0
+        the_scales, the_last = load(shared, 1, SCALES, 0, Scales), load(shared, 1, LAST, 0, One)
+        the_units = load(shared, 1, UNITS, 0, Limits)
+        acts = carray(pointer_at(held[GIVEN], np.float32(0)), (n * actions,))
+        observations = carray(pointer_at(held[SEEN], np.float32(0)), (n, size))
+        shown, push, reward = held[SEEN], held[PUSH], held[REWARD]
+        reward_x1, reward_x2, reward_travel = held[REWARD_X1], held[REWARD_X2], held[REWARD_TRAVEL]
+        terminated, truncated = held[TERMINATED], held[TRUNCATED]
+        wrong = np.int32(0)
         for i in range(first_block * LANES * actions, min(n, end_block * LANES) * actions):
-            wrong += np.int64(not abs(acts_flat[i]) <= HIGHEST)
+            wrong |= np.int32(not abs(load(acts, 1, i, 0, One).value) <= HIGHEST)
         if wrong > 0:
             return -1, 0, 0
         finished = 0
@@ -531,13 +580,17 @@ def _kernels(
                 if waiting > 0 and mode == DISABLED:
                     return -2, 0, 0
             for j in range(lanes):
-                given = load(acts_flat, 1, (base + j) * actions, 0, Given)
+                given = load(acts, 1, (base + j) * actions, 0, Given)
                 a1, a2 = bounded(real(given[0]), UNIT), bounded(real(given[-1]), UNIT)
                 if exact:
-                    limits = the_limits
+                    limits, units = the_limits, the_units
                 else:
                     limits = load(z, LANES, LIMITS, j, Limits)
-                store(s, LANES, FORCE, j, (limits.u1 * a1, limits.u2 * a2, a1, a2))
+                    units = load(z, LANES, UNITS, j, Limits)
+                store(s, LANES, FORCE, j, (limits.u1 * a1, limits.u2 * a2))
+                put(push, 0.0, (base + j) * actions, a1 * units.u1, 1)
+                if actions == 2:
+                    put(push, 0.0, (base + j) * actions + 1, a2 * units.u2, 1)
             crossing = 0
             if exact:
                 pass
@@ -548,15 +601,13 @@ def _kernels(
                     crossing += np.int64(z[NEXT * LANES + j] < time_of(z, LANES, j, dt) + dt)
                 if crossing > 0:
                     for i in range(CAR * LANES):
-                        saved[i] = z[i]
+                        s[SAVED * LANES + i] = z[i]
                 else:
                     quiet[block] = quiet_intervals(z, lanes, dt)
             if single and int(z[ELAPSED * LANES]) % EVERY == 0:
                 reseed(z, lanes, dt)
             # The next block comes from a slower cache while this one is worked on.
             ahead = slabs[min(block + 1, end_block - 1)]
-            asked = 0 if many else LINES
-            share = 1 + LINES // substeps
             if exact:
                 for line in range(CAR * LANES // LINE):
                     prefetch(ahead, line * LINE)
@@ -573,10 +624,25 @@ def _kernels(
                     )
                     store(z, LANES, PLANT, j, x)
                     store_world(z, LANES, WORLD, j, world)
-            for _ in range(0 if exact else substeps):
-                for line in range(asked, min(asked + share, LINES)):
+            elif many:
+                for line in range(LINES):
                     prefetch(ahead, line * LINE)
-                asked += share
+            for _ in range(0 if exact else substeps // 4):
+                for j in range(lanes):
+                    u = load(s, LANES, FORCE, j, Limits)
+                    x, world = four_substeps(
+                        load(z, LANES, PLANT, j, State),
+                        load_world(z, LANES, WORLD, j),
+                        load_world(z, LANES, BY, j),
+                        load(z, LANES, AMPLITUDES, j, Amplitudes),
+                        fractions,
+                        u.u1,
+                        u.u2,
+                        load(z, LANES, CAR, j, Coefficients),
+                    )
+                    store(z, LANES, PLANT, j, x)
+                    store_world(z, LANES, WORLD, j, world)
+            for _ in range(0 if exact else substeps % 4):
                 for j in range(lanes):
                     u = load(s, LANES, FORCE, j, Limits)
                     x, world = substep(
@@ -596,78 +662,78 @@ def _kernels(
                     t = time_of(z, LANES, j, dt)
                     if z[NEXT * LANES + j] < t + dt:
                         for i in range(CAR):
-                            z[i * LANES + j] = saved[i * LANES + j]
+                            z[i * LANES + j] = s[(SAVED + i) * LANES + j]
                         u = load_wide(s, LANES, FORCE, j, Limits)
                         cross(z, LANES, j, t, dt, substeps, u.u1, u.u2)
             over = 0
             for j in range(lanes):
-                elapsed = z[ELAPSED * LANES + j] + ONE
-                z[ELAPSED * LANES + j] = elapsed
+                elapsed = load(z, LANES, ELAPSED, j, One).value + ONE
+                store(z, LANES, ELAPSED, j, (elapsed,))
                 x = load(z, LANES, PLANT, j, State)
                 if exact:
-                    scales, last = the_scales, the_last
+                    scales, last = the_scales, the_last.value
                 else:
-                    scales, last = load(z, LANES, SCALES, j, Scales), z[LAST * LANES + j]
+                    scales = load(z, LANES, SCALES, j, Scales)
+                    last = load(z, LANES, LAST, j, One).value
                 cost1, cost2 = costs(x, scales)
                 out = out_of_travel(x, scales)
                 late = (elapsed >= last) & (not out)
                 penalty = -fine(scales) if out else NONE
+                put(reward, 0.0, base + j, -cost1 - cost2 + penalty, 2)
+                put(reward_x1, 0.0, base + j, -cost1, 3)
+                put(reward_x2, 0.0, base + j, -cost2, 4)
+                put(reward_travel, 0.0, base + j, penalty, 5)
+                put(terminated, np.bool_(0), base + j, out, 6)
+                put(truncated, np.bool_(0), base + j, late, 7)
                 seen = observe(x, load_world(z, LANES, WORLD, j), scales)
-                reward = -cost1 - cost2 + penalty
-                store(s, LANES, NUMBERS, j, (reward, -cost1, -cost2, penalty, out, late))
                 store(
-                    s,
+                    entries_of,
                     LANES,
-                    ENTRIES,
+                    0,
                     j,
                     (
-                        bounded(seen[0], BOUND),
-                        bounded(seen[1], BOUND),
-                        bounded(seen[2], BOUND),
-                        bounded(seen[3], BOUND),
-                        bounded(seen[4], BOUND),
-                        bounded(seen[5], BOUND),
-                        bounded(seen[6], BOUND),
-                        bounded(seen[7], BOUND),
-                        bounded(seen[8], BOUND),
+                        bounded(np.float32(seen[0]), BOUND),
+                        bounded(np.float32(seen[1]), BOUND),
+                        bounded(np.float32(seen[2]), BOUND),
+                        bounded(np.float32(seen[3]), BOUND),
+                        bounded(np.float32(seen[4]), BOUND),
+                        bounded(np.float32(seen[5]), BOUND),
+                        bounded(np.float32(seen[6]), BOUND),
+                        bounded(np.float32(seen[7]), BOUND),
+                        bounded(np.float32(seen[8]), BOUND),
                     ),
                 )
                 over += np.int64(out | late)
-            for k in range(4):
-                for j in range(lanes):
-                    numbers[k, base + j] = s[(NUMBERS + k) * LANES + j]
-            for k in range(actions):
-                if exact:
-                    unit = shared[UNITS + k]
-                    for j in range(lanes):
-                        numbers[FIRST_FORCE + k, base + j] = s[(ACTION + k) * LANES + j] * unit
-                else:
-                    for j in range(lanes):
-                        numbers[FIRST_FORCE + k, base + j] = (
-                            s[(ACTION + k) * LANES + j] * z[(UNITS + k) * LANES + j]
-                        )
-            for k in range(2):
-                for j in range(lanes):
-                    ends[k, base + j] = s[(ENDS + k) * LANES + j] != 0
-            for j in range(lanes):
-                seen = load(s, LANES, ENTRIES, j, Seen)
+            written = 0
+            if size == 8 and not with_limit:
+                while written + 8 <= lanes:
+                    put_rows(entries_of, LANES, written, shown, (base + written) * size)
+                    written += 8
+            for j in range(written, lanes):
+                seen = load(entries_of, LANES, 0, j, Seen)
+                for k in range(entries):
+                    observations[base + j, k] = seen[k]
                 if with_limit:
-                    store(seen_flat, 1, (base + j) * size, 0, seen[:entries] + seen[8:])
-                else:
-                    store(seen_flat, 1, (base + j) * size, 0, seen[:entries])
+                    observations[base + j, entries] = seen[8]
             if waiting > 0 or over > 0:
+                out_of = carray(pointer_at(terminated, np.bool_(0)), (n,))
+                out_at = carray(pointer_at(truncated, np.bool_(0)), (n,))
                 for j in range(lanes):
                     i = base + j
                     again = z[DONE * LANES + j] > 0
-                    ended = (ends[0, i] or ends[1, i]) and not again
+                    ended = (out_of[i] or out_at[i]) and not again
                     if ended:
                         finished += 1
                         z[DONE * LANES + j] = 1
                     if again:
-                        for k in range(FIRST_FORCE + actions):
-                            numbers[k, i] = 0.0
-                        ends[0, i] = False
-                        ends[1, i] = False
+                        for k in range(actions):
+                            put(push, 0.0, i * actions + k, 0.0, 1)
+                        put(reward, 0.0, i, 0.0, 2)
+                        put(reward_x1, 0.0, i, 0.0, 3)
+                        put(reward_x2, 0.0, i, 0.0, 4)
+                        put(reward_travel, 0.0, i, 0.0, 5)
+                        out_of[i] = False
+                        out_at[i] = False
                     elif ended and mode == SAME_STEP:
                         for k in range(size):
                             finals[i, k] = observations[i, k]
@@ -702,4 +768,4 @@ def _kernels(
                 quiet[block] = quiet_intervals(z, lanes, dt)
         return 0, finished, begun
 
-    return Kernels(step=step, reset=reset, step_one=step_one, reset_one=reset_one)
+    return Kernels(step, prepare, reset, step_one, reset_one)

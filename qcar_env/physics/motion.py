@@ -105,6 +105,20 @@ def substep(
     return x, end
 
 
+def four_substeps(
+    x: Any, world: Any, by: Any, amplitudes: Any, step: Any, u1: Any, u2: Any, car: Any
+) -> tuple[State, World]:
+    """Advance plant and world by four RK4 steps (see `substep`), written out.
+
+    A compiler then keeps state and car at hand from one step to the next, and takes the forcing at
+    the end of one for that at the beginning of the next.
+    """
+    x, world = substep(x, world, by, amplitudes, step, u1, u2, car)
+    x, world = substep(x, world, by, amplitudes, step, u1, u2, car)
+    x, world = substep(x, world, by, amplitudes, step, u1, u2, car)
+    return substep(x, world, by, amplitudes, step, u1, u2, car)
+
+
 def interval(
     x: Any, world: Any, kink: int, t: float, dt: float, substeps: int, u1: Any, u2: Any, plant: Any
 ) -> tuple[State, World, int]:
