@@ -16,7 +16,7 @@ import torch
 from torch import Tensor, nn
 
 from agents import crossing
-from agents.networks import LawNet
+from agents.networks import LawNet, Schedule
 from agents.recipes import GradientSettings, Recipe
 from agents.trainer import Hook, annealed
 from agents.training_env import (
@@ -57,11 +57,11 @@ class GradientTrainer:
             recipe.features,
             recipe.hidden,
             2,
-            limits=recipe.force_scales,
+            schedule=Schedule(limits=tuple(sorted(recipe.force_scales))),
         )
         with torch.no_grad():
             start = float(np.arcsinh(recipe.velocity_gain))
-            self._net.gains[:, 0, 2] = self._net.gains[:, 1, 3] = -start
+            self._net.gains[..., 0, 2] = self._net.gains[..., 1, 3] = -start
         self._adam = torch.optim.Adam(self._net.parameters(), lr=settings.learning_rate[0])
         self._index = self._rng.integers(len(self._pool), size=recipe.cars)
         self._z = torch.zeros(recipe.cars, crossing.SIZE)

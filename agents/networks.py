@@ -18,6 +18,7 @@ law, the best classical one, is in reach of the direct path alone; the network b
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import gymnasium as gym
@@ -182,6 +183,65 @@ def tanh_layers(inputs: int, hidden: tuple[int, ...]) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Schedule:
+    """Where a law has gains of its own; between these nodes they are interpolated.
+
+    Parameters
+    ----------
+    limits : tuple of float
+        Force limits over the scenario's own, rising [-]. One: the law does not see the limit.
+    roads, forces : tuple of float
+        Amplitudes of road and external force over the nominal ones, rising [-]. They are those of
+        the observation, ``sqrt(y^2 + y'^2)`` and ``sqrt(F^2 + F'^2)``.
+
+    Raises
+    ------
+    ValueError
+        If nodes do not rise.
+    """
+
+    limits: tuple[float, ...] = (1.0,)
+    roads: tuple[float, ...] = (1.0,)
+    forces: tuple[float, ...] = (1.0,)
+
+    def __post_init__(self) -> None:
+        """Check the nodes."""
+        for name in ("limits", "roads", "forces"):
+            nodes = getattr(self, name)
+            if not nodes or any(b <= a for a, b in pairwise(nodes)):
+                raise ValueError(f"{name} must rise, got {nodes}; give each node once, in order")
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes of road and force together."""
+        return len(self.roads) * len(self.forces)
+
+
+class Shares(nn.Module):
+    """The share of each node at a value: hat functions, constant outside.
+
+    Parameters
+    ----------
+    nodes : tuple of float
+        Where the hats stand, rising.
+    """
+
+    def __init__(self, nodes: tuple[float, ...]) -> None:
+        super().__init__()
+        where = torch.tensor(nodes, dtype=torch.float32)
+        self.register_buffer("nodes", where)
+        self.register_buffer("rising", torch.cat([torch.tensor([1.0]), where.diff()]))
+        self.register_buffer("falling", torch.cat([where.diff(), torch.tensor([1.0])]))
+
+    def forward(self, value: Tensor) -> Tensor:
+        """Return the shares (n, len(nodes)) at values (n, 1)."""
+        held = torch.clamp(value, self.nodes[0], self.nodes[-1])  # type: ignore[index]
+        up = 1.0 + (held - self.nodes) / self.rising  # type: ignore[operator]
+        down = 1.0 - (held - self.nodes) / self.falling  # type: ignore[operator]
+        return torch.clamp(torch.minimum(up, down), 0.0, 1.0)
+
+
 class LawNet(nn.Module):
     """The policy of search and analytic gradients: clip(linear law + small network).
 
@@ -195,15 +255,15 @@ class LawNet(nn.Module):
         Widths of its layers; empty for a linear law.
     actions : int
         Number of actuators.
-    limits : tuple of float
-        Force limits [-] at which the law has gains of its own; between them the parameters are
-        interpolated (gain scheduling). One limit: the law does not see it.
+    schedule : Schedule
+        Where the law has gains of its own (gain scheduling).
 
     Notes
     -----
     The gains are ``sinh`` of the parameters, so that one search step of order one covers gains
     from below 1 to 1000. With gains that high the sum is made in double precision, or its rounding
-    would show in the action.
+    would show in the action. Between limits the parameters are interpolated, as the gains there
+    differ by orders of magnitude; between amplitudes of road and force the gains themselves.
     """
 
     def __init__(
@@ -212,17 +272,24 @@ class LawNet(nn.Module):
         features: FeatureMap,
         hidden: tuple[int, ...],
         actions: int,
-        limits: tuple[float, ...] = (1.0,),
+        schedule: Schedule | None = None,
     ) -> None:
         super().__init__()
+        schedule = Schedule() if schedule is None else schedule
         size = observation_space.shape[0]  # type: ignore[index]
-        self.scheduled = len(limits) > 1
-        self.inputs = size - 1 if self.scheduled else size
-        self.gains = nn.Parameter(torch.zeros(len(limits), actions, self.inputs))
-        nodes = torch.tensor(sorted(limits), dtype=torch.float32)
-        self.register_buffer("nodes", nodes)
-        self.register_buffer("rising", torch.cat([torch.tensor([1.0]), nodes.diff()]))
-        self.register_buffer("falling", torch.cat([nodes.diff(), torch.tensor([1.0])]))
+        count = len(schedule.limits)
+        self.inputs = size - 1 if count > 1 else size
+        self.gains = nn.Parameter(torch.zeros(count, schedule.nodes, actions, self.inputs))
+        self.limits = Shares(schedule.limits) if count > 1 else None
+        self.roads: Shares | None = None
+        self.forces: Shares | None = None
+        if schedule.nodes > 1:
+            if self.inputs < task.FULL_SIZE:
+                raise ValueError(
+                    "a law scheduled on road and force must see them, got an observation of "
+                    f"{size} entries; give observe='full' or one node"
+                )
+            self.roads, self.forces = Shares(schedule.roads), Shares(schedule.forces)
         self.features: Features | None = None
         self.bend: nn.Module | None = None
         if hidden:
@@ -235,14 +302,11 @@ class LawNet(nn.Module):
     def command(self, observation: Tensor) -> Tensor:
         """Return the action before it is clipped, shape (n, m)."""
         x = observation[:, : self.inputs].double()
-        if self.scheduled:
-            share = self._shares(observation[:, -1:]).double()
-            count, actions, inputs = self.gains.shape
-            between = share @ self.gains.reshape(count, -1).double()
-            gains = 0.5 * (torch.exp(between) - torch.exp(-between))  # sinh; ONNX has it in float32
-            u = torch.sum(gains.reshape(-1, actions, inputs) * x[:, None, :], dim=2)
+        gains = self._gains(observation)
+        if gains.shape[0] == 1:
+            u = x @ gains[0].T
         else:
-            u = x @ torch.sinh(self.gains[0].double()).T
+            u = torch.sum(gains * x[:, None, :], dim=2)
         u = u.to(observation.dtype)
         if self.bend is not None and self.features is not None:
             u = u + self.bend(self.features(observation))
@@ -252,12 +316,23 @@ class LawNet(nn.Module):
         """Return the action, shape (n, m), of raw observations (n, k)."""
         return torch.clamp(self.command(observation), -1.0, 1.0)
 
-    def _shares(self, limit: Tensor) -> Tensor:
-        """Return each node's share at a force limit (n, 1): hat functions, constant outside."""
-        held = torch.clamp(limit, self.nodes[0], self.nodes[-1])  # type: ignore[index]
-        up = 1.0 + (held - self.nodes) / self.rising  # type: ignore[operator]
-        down = 1.0 - (held - self.nodes) / self.falling  # type: ignore[operator]
-        return torch.clamp(torch.minimum(up, down), 0.0, 1.0)
+    def _gains(self, observation: Tensor) -> Tensor:
+        """Return the gains (n or 1, m, inputs) at limit, road and force of the observations."""
+        count, nodes, actions, inputs = self.gains.shape
+        parameters = self.gains.double()
+        if self.limits is not None:
+            share = self.limits(observation[:, -1:]).double()
+            parameters = (share @ parameters.reshape(count, -1)).reshape(-1, nodes, actions, inputs)
+        gains = 0.5 * (torch.exp(parameters) - torch.exp(-parameters))  # ONNX: sinh of float32 only
+        if self.roads is None or self.forces is None:
+            return gains[:, 0]
+        world = observation[:, task.FEEDBACK_SIZE : task.FULL_SIZE]
+        road = self.roads(torch.sqrt(torch.sum(world[:, 0:2] * world[:, 0:2], dim=1, keepdim=True)))
+        force = self.forces(
+            torch.sqrt(torch.sum(world[:, 2:4] * world[:, 2:4], dim=1, keepdim=True))
+        )
+        share = (road[:, :, None] * force[:, None, :]).reshape(-1, nodes).double()
+        return torch.sum(share[:, :, None, None] * gains, dim=1)
 
 
 class Deterministic(nn.Module):

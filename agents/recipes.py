@@ -83,11 +83,21 @@ class SearchSettings:
     """Settings of CMA-ES."""
 
     population: int = 24  # 4 + 3 ln(dimension) is 12 to 16; doubled, as the landscape has kinks
+    generations: int = 250  # for one law at each force limit: flat by then
     sigma: float = 1.0  # a factor e on a large gain
+    refine_generations: int = 0  # for gains at each node of road and force
+    refine_sigma: float = 0.3  # the law is found already
+    road_nodes: tuple[float, ...] = (1.0,)  # amplitudes [-] at which the law has gains of its own
+    force_nodes: tuple[float, ...] = (1.0,)
     crossing: float = 40.0  # [s] the slow mode's envelope takes 4.8 s; true steady state
+    settle: float = 0.0  # [s] that cars settle under the search's guess before a crossing
     velocity_gain: float = 4.0  # start: sinh(4) = 27 on the own velocity, a weak classical law
     bound: float = 8.0  # of the parameters: gains to sinh(8) = 1490, beyond which rounding shows
     least_weight: float = 0.02  # of the smaller relative amplitude, which breaks ties
+
+    def steps_a_generation(self, dt: float) -> int:
+        """Return how often each car is stepped in a generation, at a control interval dt [s]."""
+        return self.population * round(self.crossing / dt)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,6 +193,11 @@ class Task:
     track: str
     force_scales: tuple[float, ...]
 
+    @property
+    def dt(self) -> float:
+        """Control interval [s]."""
+        return find_track(self.track).nominal.dt
+
 
 TASKS: Mapping[str, Task] = MappingProxyType(
     {
@@ -231,18 +246,32 @@ def _td3(task: str) -> Recipe:
 
 
 def _cma(task: str) -> Recipe:
-    """Linear laws; gains of every state, and of road and force where they are seen."""
-    cars = 24 if task.startswith("randomised") else 1  # one crossing where nothing varies
-    generation = 8000 * cars * SearchSettings().population
-    generations = 80 if cars == 1 else 100  # flat by then
+    """Linear laws; gains of every state, and of road and force where they are seen.
+
+    Where road and force vary, the law is scheduled on their amplitudes: with little force to
+    spare a car needs other gains than one whose vibration can be removed.
+    """
+    settings = SearchSettings()
+    cars = 1  # one crossing where nothing varies
+    if task.startswith("randomised"):
+        cars = 64
+        settings = SearchSettings(
+            refine_generations=400,
+            road_nodes=(0.6, 1.3),  # [-] a quarter inside the ends of the range
+            force_nodes=(0.6, 1.3),
+            crossing=6.0,  # from where the guess has settled
+            settle=40.0,
+        )
+    limits = len(TASKS[task].force_scales)
+    generations = limits * (settings.generations + settings.refine_generations)
     return Recipe(
         algorithm="cma",
         task=task,
-        settings=SearchSettings(),
+        settings=settings,
         features=_features(task),
         hidden=(),
         cars=cars,
-        steps=generation * generations * len(TASKS[task].force_scales),
+        steps=generations * cars * settings.steps_a_generation(TASKS[task].dt),
     )
 
 

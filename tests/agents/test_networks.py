@@ -8,12 +8,12 @@ pytest.importorskip("stable_baselines3")
 
 from agents import export  # noqa: E402
 from agents.export import TOLERANCE, export_checked, largest_difference  # noqa: E402
-from agents.networks import Deterministic, FeatureMap, Features, LawNet  # noqa: E402
+from agents.networks import Deterministic, FeatureMap, Features, LawNet, Schedule  # noqa: E402
 from agents.recipes import RECIPES, recipe  # noqa: E402
 from agents.sb3 import SB3Trainer  # noqa: E402
 from agents.training_env import space  # noqa: E402
 
-LIMITS = (1.0, 0.75, 0.5, 0.25, 0.1)
+LIMITS = (0.1, 0.25, 0.5, 0.75, 1.0)
 
 
 def jumbled(module, scale=0.3):
@@ -50,7 +50,7 @@ def test_what_is_exported_is_what_sb3_predicts(name, tmp_path):
 @pytest.mark.parametrize("limits", [(1.0,), LIMITS])
 def test_a_law_of_high_gain_is_exported_to_the_tolerance(limits, tmp_path):
     scheduled = len(limits) > 1
-    law = LawNet(space("full", scheduled), FeatureMap(), (), 2, limits=limits)
+    law = LawNet(space("full", scheduled), FeatureMap(), (), 2, schedule=Schedule(limits=limits))
     jumbled(law, 3.0)
     export_checked(law, 8 + scheduled, tmp_path / "policy.onnx")
 
@@ -60,7 +60,7 @@ def test_an_export_that_differs_is_found_and_refused(tmp_path, monkeypatch):
     law = jumbled(LawNet(space("feedback", False), FeatureMap(kind="feedback"), (), 2), 1.0)
     export_checked(law, 4, path)
     with torch.no_grad():
-        law.gains[0, 0, 0] += 0.1
+        law.gains[0, 0, 0, 0] += 0.1
     assert largest_difference(law, path, 4) > 1e-3
     monkeypatch.setattr(export, "export", lambda *_: None)  # leave the older file
     with pytest.raises(RuntimeError, match="differs"):
@@ -69,9 +69,10 @@ def test_an_export_that_differs_is_found_and_refused(tmp_path, monkeypatch):
 
 
 def test_gains_between_two_limits_lie_between_theirs():
-    law = LawNet(space("feedback", True), FeatureMap(kind="feedback"), (), 2, limits=(1.0, 0.5))
+    schedule = Schedule(limits=(0.5, 1.0))
+    law = LawNet(space("feedback", True), FeatureMap(kind="feedback"), (), 2, schedule=schedule)
     with torch.no_grad():
-        law.gains[0, 0, 2], law.gains[1, 0, 2] = -0.1, -0.3  # at limits 0.5 and 1
+        law.gains[0, 0, 0, 2], law.gains[1, 0, 0, 2] = -0.1, -0.3  # at limits 0.5 and 1
     for limit, parameter in ((0.5, -0.1), (0.75, -0.2), (1.0, -0.3), (0.2, -0.1), (2.0, -0.3)):
         seen = torch.tensor([[0.0, 0.0, 1.0, 0.0, limit]])
         assert float(law(seen)[0, 0].detach()) == pytest.approx(np.sinh(parameter), rel=1e-6)

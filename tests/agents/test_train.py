@@ -35,10 +35,22 @@ TINY = {
         steps=4 * 10 * 6,
         settings=GradientSettings(horizon=10),
     ),
+    "cma-randomised": dataclasses.replace(
+        RECIPES["cma-randomised"],
+        cars=3,
+        steps=24 * 3 * 40 * 30,
+        settings=dataclasses.replace(
+            RECIPES["cma-randomised"].settings,
+            crossing=0.2,
+            settle=0.3,
+            generations=12,
+            refine_generations=18,
+        ),
+    ),
     "cma": dataclasses.replace(
         RECIPES["cma-budget"],
         steps=24 * 40 * 5 * 4,
-        settings=dataclasses.replace(RECIPES["cma-budget"].settings, crossing=0.2),
+        settings=dataclasses.replace(RECIPES["cma-budget"].settings, crossing=0.2, generations=4),
     ),
 }
 
