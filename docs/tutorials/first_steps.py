@@ -52,7 +52,7 @@ for _ in range(200):
     action = np.clip(-2.0 * observation[2:4], -1.0, 1.0)
     observation, reward, terminated, truncated, info = env.step(action)
     rewards.append(reward)
-print(f"mean reward {np.mean(rewards):.3f}; -1 is the uncontrolled motion, 0 is stillness")
+print(f"mean reward {np.mean(rewards):.3f}; -10 is the uncontrolled motion, 0 is stillness")
 print(f"force now {info['force']} m/s^2")
 
 # %% [markdown]

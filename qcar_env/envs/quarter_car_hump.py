@@ -63,8 +63,8 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     ## Reward
 
-    Minus the mean of the two envelope amplitudes ``a_i = sqrt(x_i^2 + (v_i / omega)^2)`` over the
-    reference amplitudes: -1 is the uncontrolled steady motion, 0 is stillness. `info` has the
+    Minus ten times the mean of the envelope amplitudes ``a_i = sqrt(x_i^2 + (v_i / omega)^2)`` over
+    the reference amplitudes: -10 is the uncontrolled steady motion, 0 is stillness. `info` has the
     terms `reward_x1`, `reward_x2` and `reward_travel`; their sum is the reward.
 
     ## Start of an episode
