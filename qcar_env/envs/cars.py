@@ -114,6 +114,7 @@ class Cars:
         self._slabs = engine.aligned((self._blocks, engine_sampled.ROWS * engine.LANES), real)
         self._scratch = engine.aligned((self._threads, width), real)
         self._quiet = np.zeros(self._blocks, np.int64)
+        self._waiting = np.zeros(self._blocks, np.int64)
         self._streams = np.empty((self.n, 4), np.uint64)
         self._nominals = np.array([task.nominal_numbers(scenario, own)])
         self._shared = engine.aligned((engine_sampled.SHARED,), real)
@@ -136,6 +137,7 @@ class Cars:
         self._pid = os.getpid()
         self._hold()
         self._prepare = engine.direct(self._kernels.prepare, 0, engine.OBJECT)
+        self._restarts = engine.direct(self._kernels.restarts, 0)
         self._step = engine.direct(self._kernels.step, 0, 0, 1, NEXT_STEP, 0)
 
     def _hold(self) -> None:
@@ -146,6 +148,7 @@ class Cars:
         arrays: list[NDArray[Any]] = [
             self._slabs,
             self._quiet,
+            self._waiting,
             self._streams,
             self._nominals,
             self._which,
@@ -163,11 +166,9 @@ class Cars:
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave compiled code and threads behind; they are made anew."""
-        return {
-            k: v
-            for k, v in vars(self).items()
-            if k not in ("_kernels", "_prepare", "_step", "_pool", "_pid", "_held", "_place")
-        }
+        code = ("_kernels", "_prepare", "_restarts", "_step")
+        made = (*code, "_pool", "_pid", "_held", "_place")
+        return {k: v for k, v in vars(self).items() if k not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the arrays and compile."""
@@ -239,6 +240,7 @@ class Cars:
         self._kernels.reset(
             self._slabs,
             self._quiet,
+            self._waiting,
             self._streams,
             self._nominals,
             self._which,
@@ -281,6 +283,17 @@ class Cars:
         if code:
             self._refuse(code, actions)
         return *made, finished, begun
+
+    def restarts(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]]:
+        """Return which cars have begun again since the last call, and which have not.
+
+        Returns
+        -------
+        begun, others : ndarray (n,) of bool
+        phase : ndarray (n,)
+            Phases of the roads of those that have begun [rad], 0 elsewhere.
+        """
+        return self._restarts(self._place)
 
     def _step_on_threads(self, actions: NDArray[np.float32], mode: int) -> tuple[int, int, int]:
         if not np.isfinite(actions).all():  # before any worker moves a car
@@ -354,7 +367,7 @@ class Cars:
     @property
     def nbytes(self) -> int:
         """Memory that the cars take [B]."""
-        shared = (self._slabs, self._quiet, self._streams, self._which)
+        shared = (self._slabs, self._quiet, self._waiting, self._streams, self._which)
         own = (self.finals, self.restarted, self.restart_phases)
         return sum(each.nbytes for each in (*shared, *own))
 

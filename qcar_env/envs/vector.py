@@ -280,7 +280,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             "_reward_travel": every,
         }
         if begun:
-            info = self._after_restarts(info)
+            info = self._after_restarts(info, begun)
         return observations, rewards, terminated, truncated, info
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
@@ -355,13 +355,11 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     def close_extras(self, **kwargs: Any) -> None:
         """Hold nothing that needs closing."""
 
-    def _after_restarts(self, info: dict[str, Any]) -> dict[str, Any]:
+    def _after_restarts(self, info: dict[str, Any], begun: int) -> dict[str, Any]:
         """Separate what is said of the cars that have begun again from the others."""
-        fresh = self._cars.restarted.copy()
-        self._cars.restarted.fill(False)
-        stay = ~fresh
-        info |= {"_reward_x1": stay, "_reward_x2": stay, "_reward_travel": stay}
-        info |= {"phase": self._cars.restart_phases * fresh, "_phase": fresh}
+        fresh, stay, phase = self._cars.restarts()
+        info["_reward_x1"] = info["_reward_x2"] = info["_reward_travel"] = stay
+        info["phase"], info["_phase"] = phase, fresh
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
             cars = np.flatnonzero(fresh)
             last: dict[str, Any] = {}
@@ -375,7 +373,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
                 final[i] = seen
             info |= {"final_obs": final, "_final_obs": fresh}
             info |= {"final_info": last, "_final_info": fresh}
-        if not stay.any():
+        if begun == self.num_envs:
             for name in TERMS:
                 del info[name], info[f"_{name}"]
         return info

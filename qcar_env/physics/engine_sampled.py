@@ -88,12 +88,13 @@ SCRATCH_SIZE = (SAVED + CAR) * LANES
 (
     SLABS,  # (blocks, ROWS * LANES)
     QUIET,  # (blocks,) of int64: for how many intervals no car of a block can meet a kink
+    WAITING,  # (blocks,) of int64: cars whose episode is over
     STREAMS,  # (n, 4): random numbers
     NOMINALS,  # (k, fields): scenarios
     WHICH,  # (n,) of int64: from which of them each car draws its episodes
     SCRATCHES,  # (workers, SCRATCH_SIZE)
     FINALS,  # (n, size) of float32: last observations of the cars that have begun again
-    RESTARTED,  # (n,) of bool: which cars these are; never cleared here
+    RESTARTED,  # (n,) of bool: which cars these are, until `restarts` clears it
     PHASES,  # (n,): of their roads
     COMMON,  # (SHARED,): what all cars have in common where the exact map advances them
     SETTINGS,  # (6,): dt, substeps and the Step
@@ -111,10 +112,11 @@ SCRATCH_SIZE = (SAVED + CAR) * LANES
     REWARD_X2,  # (n,)
     REWARD_TRAVEL,  # (n,)
     HELD_SIZE,
-) = range(25)
+) = range(26)
 
 HIGHEST = np.float32(1e38)  # an action above is not a finite float32
 MANY = 32  # [blocks] that do not fit the second-level cache of 1 MB: fetched ahead from there on
+STRIP = 8  # [cars] for which so much is fetched ahead at a time
 DRAWS = 12  # uniform numbers that the start of an episode takes
 RESEED = 64  # [intervals] after which phasors in single precision are computed anew
 RESEED_EXACT = 512  # the same where an interval turns them once, instead of in each half step
@@ -160,6 +162,7 @@ class Kernels(NamedTuple):
 
     step: Any
     prepare: Any
+    restarts: Any
     reset: Any
     step_one: Any
     reset_one: Any
@@ -287,14 +290,19 @@ def time_of(z: Any, stride: Any, lane: Any, dt: Any) -> Any:
     return start + load_wide(z, stride, ELAPSED, lane, One).value * dt
 
 
+@compiled
+def quiet_of(z: Any, lane: Any, dt: Any) -> Any:
+    """Return how many control intervals will pass before a car can meet a kink."""
+    ahead = (load_wide(z, LANES, NEXT, lane, One).value - time_of(z, LANES, lane, dt)) / dt
+    return max(0, int(ahead) - 2) if ahead < 1e12 else NEVER
+
+
 @compiled_apart
 def quiet_intervals(z: Any, lanes: Any, dt: Any) -> Any:
-    """Return how many control intervals will pass before a car of the block can meet a kink."""
+    """Return the same for the first car of the block to meet one."""
     least = NEVER
     for j in range(lanes):
-        ahead = (load_wide(z, LANES, NEXT, j, One).value - time_of(z, LANES, j, dt)) / dt
-        if ahead < 1e12:
-            least = min(least, max(0, int(ahead) - 2))
+        least = min(least, quiet_of(z, j, dt))
     return least
 
 
@@ -348,33 +356,28 @@ def kernels(
 
     Notes
     -----
-    ``step(worker, first_block, end_block, held, settings, actions, observations, numbers, ends)``
-    advances the cars of some blocks by one control interval:
+    ``prepare(place, actions)`` makes the arrays that a step of a batch returns and notes where they
+    lie among the batch's numbers (`SLABS` and the following), whose address is `place`. It returns
+    ``(fits, observations, rewards, terminated, truncated, forces, reward terms x1, x2, travel)``;
+    if the actions are no array (n, m) of float32, `fits` is false and the step must not follow.
 
-    - held: addresses in memory, as numba takes longer to unpack an argument than to step a car:
-      slabs (blocks, ROWS * LANES); quiet (blocks,) of int64, for how many intervals no car of a
-      block can meet a kink; streams (n, 4), random numbers; nominals (k, fields) and which (n,) of
-      int64, scenarios, and which one each car draws its episodes from; scratch (workers,
-      SCRATCH_SIZE); finals (n, size) of float32 and restarted (n,) of bool, the last observations
-      of the cars that were over and begun again within this step, and which cars have begun again
-      (never cleared here); phases (n,), of the roads of those; the number k; and at last
-      shared (SHARED,), what all cars have in common if `exact`;
-    - settings: dt, substeps, mode (`DISABLED`, `NEXT_STEP` or `SAME_STEP`), and the `Step`;
-    - actions (n, m) of float32; observations (n, size) of float32, numbers (4 + m, n) and ends
-      (2, n) of bool, which are written: reward, its terms, the forces; terminated, truncated.
+    ``step(worker, first_block, end_block, mode, place)`` advances the cars of some blocks by one
+    control interval; `mode` is `DISABLED`, `NEXT_STEP` or `SAME_STEP`. It returns ``(code,
+    finished, begun)``: 0, -1 if an action is not a finite number or -2 if the episode of a car is
+    over and the mode is `DISABLED` (no car has moved then, unless the blocks are shared out to
+    several workers), and the numbers of cars that have finished and begun.
 
-    It returns ``(code, finished, begun)``: 0, -1 if an action is not a finite number or -2 if the
-    episode of a car is over and the mode is `DISABLED` (no car has moved then, unless the blocks
-    are shared out to several workers), and the numbers of cars that have finished and begun.
+    ``restarts(place)`` returns which cars have begun again since the last call, (n,) of bool, which
+    have not, and the phases of the roads of those that have, (n,), 0 elsewhere.
 
-    ``reset(slabs, quiet, streams, nominals, which, mask, given, dt, observations)`` begins
-    episodes of the cars in `mask` (n,) and writes all observations; given (n, 5) has states and
-    phases, drawn where they are not a number. ``reset_one(car, makers, draws, given,
-    nominal)`` does the same for one car, a slab (ONE_CAR,) by itself, and returns its observation;
-    `makers` are those of `qcar_env.physics.engine.array_makers`. ``step_one(place, action)`` steps
-    it; at the address `place` are that of the car and `makers`. It returns ``(code, observation,
-    reward, terminated, truncated, forces, reward terms x1, x2, travel)``, with the code -3 for an
-    action that is not an array (m,) of float32.
+    ``reset(slabs, quiet, waiting, streams, nominals, which, mask, given, dt, observations)``
+    begins episodes of the cars in `mask` (n,) and writes all observations; given (n, 5) has states
+    and phases, drawn where they are not a number. ``reset_one(car, makers, draws, given, nominal)``
+    does the same for one car, a slab (ONE_CAR,) by itself, and returns its observation; `makers`
+    are those of `qcar_env.physics.engine.array_makers`. ``step_one(place, action)`` steps it; at
+    the address `place` are that of the car and `makers`. It returns ``(code, observation, reward,
+    terminated, truncated, forces, reward terms x1, x2, travel)``, with the code -3 for an action
+    that is not an array (m,) of float32.
     """
     return _kernels(task, entries, with_limit, actions, single, exact)
 
@@ -407,7 +410,7 @@ def _kernels(
     ):
         compiled(each)
     LINE = 64 // np.dtype(real).itemsize  # numbers in a cache line
-    LINES = (DONE + 1) * LANES // LINE
+    LINES = (LAST + 1) * LANES // LINE
     EVERY = RESEED_EXACT if exact else RESEED
     UNITS = FORCES if actions == 1 else LIMITS  # two actuators have specific limits
     Given = One if actions == 1 else Two
@@ -472,6 +475,7 @@ def _kernels(
     def reset(
         slabs: Any,
         quiet: Any,
+        waiting: Any,
         streams: Any,
         nominals: Any,
         which: Any,
@@ -506,6 +510,9 @@ def _kernels(
                     limit,
                 )
             quiet[block] = quiet_intervals(z, lanes, dt)
+            waiting[block] = 0
+            for j in range(lanes):
+                waiting[block] += np.int64(z[DONE * LANES + j] > 0)
 
     @single_kernel
     def prepare(place: Any, given: Any) -> Any:
@@ -537,6 +544,7 @@ def _kernels(
         n = held[CARS]
         slabs = carray(pointer_at(held[SLABS], real(0)), (end_block, ROWS * LANES))
         quiet = carray(pointer_at(held[QUIET], np.int64(0)), (end_block,))
+        over_before = carray(pointer_at(held[WAITING], np.int64(0)), (end_block,))
         streams = carray(pointer_at(held[STREAMS], np.uint64(0)), (n, 4))
         nominals = carray(pointer_at(held[NOMINALS], 0.0), (held[SCENARIOS], NOMINAL))
         phases = carray(pointer_at(held[PHASES], 0.0), (n,))
@@ -569,16 +577,14 @@ def _kernels(
         finished = 0
         begun = 0
         many = end_block - first_block >= MANY
+        width = STRIP if many else LANES
         for block in range(first_block, end_block):
             z = slabs[block]
             base = block * LANES
             lanes = min(LANES, n - base)
-            waiting = 0
-            if mode != SAME_STEP:
-                for j in range(lanes):
-                    waiting += np.int64(z[DONE * LANES + j] > 0)
-                if waiting > 0 and mode == DISABLED:
-                    return -2, 0, 0
+            waiting = over_before[block]
+            if waiting > 0 and mode == DISABLED:
+                return -2, 0, 0
             for j in range(lanes):
                 given = load(acts, 1, (base + j) * actions, 0, Given)
                 a1, a2 = bounded(real(given[0]), UNIT), bounded(real(given[-1]), UNIT)
@@ -611,7 +617,7 @@ def _kernels(
             if exact:
                 for line in range(CAR * LANES // LINE):
                     prefetch(ahead, line * LINE)
-                for line in range(ELAPSED * LANES // LINE, (DONE + 1) * LANES // LINE):
+                for line in range(ELAPSED * LANES // LINE, LINES):
                     prefetch(ahead, line * LINE)
                 for j in range(lanes):
                     u = load(s, LANES, FORCE, j, Limits)
@@ -624,24 +630,26 @@ def _kernels(
                     )
                     store(z, LANES, PLANT, j, x)
                     store_world(z, LANES, WORLD, j, world)
-            elif many:
-                for line in range(LINES):
-                    prefetch(ahead, line * LINE)
-            for _ in range(0 if exact else substeps // 4):
-                for j in range(lanes):
-                    u = load(s, LANES, FORCE, j, Limits)
-                    x, world = four_substeps(
-                        load(z, LANES, PLANT, j, State),
-                        load_world(z, LANES, WORLD, j),
-                        load_world(z, LANES, BY, j),
-                        load(z, LANES, AMPLITUDES, j, Amplitudes),
-                        fractions,
-                        u.u1,
-                        u.u2,
-                        load(z, LANES, CAR, j, Coefficients),
-                    )
-                    store(z, LANES, PLANT, j, x)
-                    store_world(z, LANES, WORLD, j, world)
+            for k in range(0 if exact else substeps // 4):
+                for strip in range(0, lanes, width):
+                    if many and k == 0:
+                        line = strip * LINES // LANES
+                        for each in range(line, line + STRIP * LINES // LANES):
+                            prefetch(ahead, each * LINE)
+                    for j in range(strip, min(strip + width, lanes)):
+                        u = load(s, LANES, FORCE, j, Limits)
+                        x, world = four_substeps(
+                            load(z, LANES, PLANT, j, State),
+                            load_world(z, LANES, WORLD, j),
+                            load_world(z, LANES, BY, j),
+                            load(z, LANES, AMPLITUDES, j, Amplitudes),
+                            fractions,
+                            u.u1,
+                            u.u2,
+                            load(z, LANES, CAR, j, Coefficients),
+                        )
+                        store(z, LANES, PLANT, j, x)
+                        store_world(z, LANES, WORLD, j, world)
             for _ in range(0 if exact else substeps % 4):
                 for j in range(lanes):
                     u = load(s, LANES, FORCE, j, Limits)
@@ -700,9 +708,10 @@ def _kernels(
                         bounded(np.float32(seen[5]), BOUND),
                         bounded(np.float32(seen[6]), BOUND),
                         bounded(np.float32(seen[7]), BOUND),
-                        bounded(np.float32(seen[8]), BOUND),
                     ),
                 )
+                if with_limit:
+                    store(entries_of, LANES, 8, j, (bounded(np.float32(seen[8]), BOUND),))
                 over += np.int64(out | late)
             written = 0
             if size == 8 and not with_limit:
@@ -724,6 +733,7 @@ def _kernels(
                     ended = (out_of[i] or out_at[i]) and not again
                     if ended:
                         finished += 1
+                        over_before[block] += 1
                         z[DONE * LANES + j] = 1
                     if again:
                         for k in range(actions):
@@ -740,6 +750,7 @@ def _kernels(
                     else:
                         continue
                     begun += 1
+                    over_before[block] -= 1
                     restarted[i] = True
                     start_car(
                         z,
@@ -765,7 +776,25 @@ def _kernels(
                         limit,
                     )
                     phases[i] = z[PHASE * LANES + j]
-                quiet[block] = quiet_intervals(z, lanes, dt)
+                    quiet[block] = min(quiet[block], quiet_of(z, j, dt))
         return 0, finished, begun
 
-    return Kernels(step, prepare, reset, step_one, reset_one)
+    @single_kernel
+    def restarts(place: Any) -> Any:
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        held = carray(pointer_at(place, np.int64(0)), (HELD_SIZE,))
+        makers, n = (held[MAKER], held[ARRAY_TYPE]), held[CARS]
+        marked, phase = fresh(makers, np.bool_(0), (n,)), fresh(makers, 0.0, (n,))
+        others = fresh(makers, np.bool_(0), (n,))
+        restarted = carray(pointer_at(held[RESTARTED], np.bool_(0)), (n,))
+        phases = carray(pointer_at(held[PHASES], 0.0), (n,))
+        to_marked, to_others, to_phase = address_of(marked), address_of(others), address_of(phase)
+        for i in range(n):
+            again = restarted[i]
+            put(to_marked, np.bool_(0), i, again, 1)
+            put(to_others, np.bool_(0), i, not again, 2)
+            put(to_phase, 0.0, i, phases[i] if again else 0.0, 3)
+        restarted[:] = False
+        return marked, others, phase
+
+    return Kernels(step, prepare, restarts, reset, step_one, reset_one)
