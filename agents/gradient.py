@@ -27,7 +27,6 @@ from agents.training_env import (
 )
 from qcar_env.envs import task
 
-RESTART = 0.1  # share of the cars that begin anew after each horizon
 FAR = 3.0  # [-] relative amplitude from which a car begins anew: beyond it episodes end
 
 
@@ -136,7 +135,7 @@ class GradientTrainer:
         self._z = z.detach()
         self._done += settings.horizon * recipe.cars
         far = (now.detach().abs().amax(dim=1) > FAR).numpy()
-        anew = np.flatnonzero((self._rng.random(recipe.cars) < RESTART) | far)
+        anew = np.flatnonzero((self._rng.random(recipe.cars) < settings.restart) | far)
         if len(anew):
             self._begin(anew)
 
@@ -144,7 +143,9 @@ class GradientTrainer:
         """Return the mean soft maximum of the masses' relative amplitudes."""
         squares = now[:, 0:2] * now[:, 0:2] + now[:, 2:4] * now[:, 2:4]
         a = torch.sqrt(squares + 1e-10) * own
-        weight = torch.softmax(a.detach() / (self._settings.temperature * a.detach().amax()), dim=1)
+        held = a.detach()
+        scale = self._settings.temperature * held.amax(dim=1, keepdim=True)
+        weight = torch.softmax(held / scale, dim=1)
         return torch.mean(torch.sum(weight * a, dim=1))
 
     def _own(self) -> Any:

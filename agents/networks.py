@@ -3,8 +3,7 @@
 Feature map (all of it is exported with the policy):
 
     2 x                  state over uncontrolled amplitudes
-    clip(30 x, +-3)      wheel magnified, so that amplitudes of 1 % stay visible
-    clip(90 x, +-3)      body magnified: its target is three times smaller
+    clip(90 x, +-3)      the same magnified, so that amplitudes of 0.1 % stay visible
     a_i                  envelope amplitudes
     y, y', F, F'         what the world does (``observe="full"``)
     2 z, clip(g z, +-3)  complex envelope z_i = (x_i - i v_i / omega) e^{-i omega t}: the state in
@@ -57,7 +56,7 @@ class FeatureMap:
     """
 
     kind: str = "full"
-    magnify: tuple[float, float] = (30.0, 90.0)
+    magnify: tuple[float, float] = (90.0, 90.0)
     bound: float = 3.0
 
     def __post_init__(self) -> None:
