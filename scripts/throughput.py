@@ -5,7 +5,9 @@ python scripts/throughput.py --rounds 21 --num-envs 64 1024 16384 --out results/
 
 All candidates run in one process in interleaved rounds, so that a busy machine slows all of them
 alike; ratios are taken within a round, and their median and quartiles are printed. The clock is
-the thread's own processor time, or the wall's for what uses several threads or processes.
+the thread's own processor time. For closed loops on several threads it is that of the thread which
+takes longest, so that a processor shared with other programs does not count as ours; for what uses
+threads of its own, or other processes, the wall's, or this process's on the processor if shorter.
 
 Episodes differ: CartPole-v1 lasts some 20 steps under random actions, Pendulum-v1 200, ours 1000.
 Our cars start with staggered clocks, as a batch that ends in one step would flatter the others.
@@ -42,6 +44,19 @@ NUM_ENVS = (1, 64, 1024, 16384, 262144)
 SLICE = 0.03  # [s] that a candidate runs in a round
 PROCESSES = 8  # of the AsyncVectorEnv: one process a car, so no more than a machine can hold
 ASYNC = f"AsyncVectorEnv Pendulum {PROCESSES}"
+FIRST_STEP = (
+    "import gymnasium as gym, qcar_env; import time; t = time.perf_counter()\n"
+    "e = gym.make('QuarterCarHump-v0'); e.reset(); e.step(e.action_space.sample())\n"
+    "print(time.perf_counter() - t)"
+)
+SINGLE_NUMBERS = (
+    "bytes_per_car",
+    "import_seconds",
+    "first_step_seconds",
+    "first_step_with_import_seconds",
+    "environment_share_of_ppo",
+)
+LENGTHS = (250, 500, 1000, 2000, 4000)  # [intervals] of closed loops
 OPERATIONS = 164  # of an RK4 step of the plant, see `count_operations` in the tests
 
 
@@ -53,6 +68,7 @@ class Candidate:
     run: Callable[[int], None]  # does so many calls
     steps: int  # environment steps of one call
     alone: bool = True  # whether it is one thread, whose own time on the processor is measured
+    spent: Callable[[], float] | None = None  # time [s] of the calls since it was asked last
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,7 +134,7 @@ def measure(rounds: int, num_envs: Sequence[int], threads: int) -> dict[str, Any
     timings: dict[str, Timing] = {}
     groups: list[Callable[[], list[Candidate]]] = [_single]
     groups += [lambda n=n: _batch(n, threads) for n in num_envs]
-    groups += [_rollouts, _substeps]
+    groups += [_rollouts, _lengths, _substeps]
     for number, group in enumerate(groups):
         print(f"group {number + 1} of {len(groups)}", file=sys.stderr)
         timings |= {each.name: each for each in interleave(group(), rounds)}
@@ -140,10 +156,9 @@ def measure(rounds: int, num_envs: Sequence[int], threads: int) -> dict[str, Any
         "ratios": ratios(timings, num_envs, threads),
         "bytes_per_car": _memory(),
         "import_seconds": _fresh("import qcar_env"),
-        "first_step_seconds": _fresh(
-            "import gymnasium as gym, qcar_env\n"
-            "e = gym.make('QuarterCarHump-v0'); e.reset(); e.step(e.action_space.sample())"
-        ),
+        "first_step_seconds": _first_step(),
+        "first_step_with_import_seconds": _fresh(FIRST_STEP),
+        "environment_share_of_ppo": _share(),
     }
 
 
@@ -168,10 +183,15 @@ def interleave(candidates: Sequence[Candidate], rounds: int) -> list[Timing]:
 
 
 def _time(candidate: Candidate, calls: int) -> float:
-    clock = time.thread_time if candidate.alone else time.perf_counter
-    started = clock()
+    if candidate.spent is not None:
+        candidate.spent()
+        candidate.run(calls)
+        return candidate.spent()
+    clocks = (time.thread_time,) if candidate.alone else (time.perf_counter, time.process_time)
+    started = [clock() for clock in clocks]
     candidate.run(calls)
-    return clock() - started
+    spent = [clock() - before for clock, before in zip(clocks, started, strict=True)]
+    return max(min(spent), 1e-9)
 
 
 def ratios(
@@ -196,6 +216,7 @@ def ratios(
             (f"batch {n}", f"SyncVectorEnv Pendulum {n}", None),
             (f"batch {n}", ASYNC, None) if n == 64 else (f"batch {n}", "", None),
             (f"batch {n}", f"EnvPool Pendulum {n}", 50.0 if n == 1024 else None),
+            (f"batch {n}", f"gymnax Pendulum {n}", None),
         ]
     wanted.append(("rollout, held", "multiply-add peak", 0.85))
     wanted.append((f"rollout, held, {engine.cores()} threads", "rollout, held", 1.9))
@@ -229,8 +250,9 @@ def table(result: dict[str, Any]) -> str:
     for name, each in result["microseconds"].items():
         lines.append(f"| {name} | {each['median']:.4g} | {1 / each['median']:.4g} |")
     lines.append("")
-    for name in ("bytes_per_car", "import_seconds", "first_step_seconds"):
-        lines.append(f"{name.replace('_', ' ')}: {result[name]:.3g}")
+    for name in SINGLE_NUMBERS:
+        if result.get(name) is not None:
+            lines.append(f"{name.replace('_', ' ')}: {result[name]:.3g}  ")
     return "\n".join(lines)
 
 
@@ -318,52 +340,93 @@ def _batch(n: int, threads: int) -> list[Candidate]:
 
         pool = envpool.make("Pendulum-v1", env_type="gymnasium", num_envs=n, num_threads=1)
         found.append(of(f"EnvPool Pendulum {n}", pool, torque))
+    if find_spec("gymnax") and 1 < n <= 16384:
+        found.append(_gymnax(n, torque))
     return found
+
+
+def _gymnax(n: int, torque: Any) -> Candidate:
+    """Step gymnax's Pendulum, compiled, with the same random keys in each step."""
+    import gymnax
+    import jax
+
+    env, params = gymnax.make("Pendulum-v1")
+    keys, actions = jax.random.split(jax.random.PRNGKey(0), n), jax.numpy.asarray(torque)
+    step = jax.jit(jax.vmap(env.step, in_axes=(0, 0, 0, None)))
+    _, state = jax.jit(jax.vmap(env.reset, in_axes=(0, None)))(keys, params)
+
+    def run(calls: int) -> None:
+        nonlocal state
+        for _ in range(calls):
+            _, state, reward, *_ = step(keys, state, actions, params)
+            reward.block_until_ready()
+
+    return Candidate(name=f"gymnax Pendulum {n}", run=run, steps=n, alone=False)
+
+
+def _rollout(
+    name: str, law: Any, *, held: bool, threads: int = 1, intervals: int = 1000, cars: int = 1024
+) -> Candidate:
+    """Close the loops of many cars in one compiled call."""
+    scenario = qcar_env.scenario("paper")
+    steps, step = intervals * scenario.substeps, scenario.dt / scenario.substeps
+    one = plant(scenario.car, scenario.road, scenario.force, step)
+    world = world_at(0.0, scenario.road, scenario.force)
+    column = [0.0] * 8 + [*world.road, *world.force, *one.by.road, *one.by.force, *one.car]
+    column += [*one.amplitudes, *scenario.actuator.limit, *one.road, 0.0, one.Omega]
+    rows = np.zeros((engine_continuous.ROWS, cars))
+    rows[: engine_continuous.WINDOW] = np.array(column)[:, np.newaxis]
+    rows[engine_continuous.WINDOW] = engine.NEVER
+    gains = np.array(law.gains)[:, np.newaxis]
+    rows[engine_continuous.GAINS : engine_continuous.GAINS + len(gains)] = gains
+    slabs, record = engine.slabs(rows), np.empty((0, 6, cars))
+    kernel = engine_continuous.closed_loop_kernel(
+        law.command, law.filter_rate, type(law.gains), False, held
+    )
+    fractions = step_fractions(step)
+    work = engine.THREADED_WORK if threads > 1 else 0
+    busy: list[float] = []  # time on the processor of each thread in a call
+
+    def part(begin: int, end: int) -> None:
+        started = time.thread_time()
+        kernel(slabs, begin, end, cars, fractions, steps, scenario.substeps, 0, record)
+        busy.append(time.thread_time() - started)
+
+    longest = [0.0]
+
+    def run(calls: int) -> None:
+        for _ in range(calls):
+            busy.clear()
+            engine.over_blocks(part, blocks=slabs.shape[0], work=work)
+            longest[0] += max(busy)
+
+    def spent() -> float:
+        found, longest[0] = longest[0], 0.0
+        return found
+
+    return Candidate(name=name, run=run, steps=cars * intervals, spent=spent)
+
+
+def _lengths() -> list[Candidate]:
+    """Cost against the length of a closed loop, with everything else as it is."""
+    return [
+        _rollout(f"rollout of {k} intervals", CNVC(), held=True, intervals=k, cars=64)
+        for k in LENGTHS
+    ]
 
 
 def _rollouts() -> list[Candidate]:
     """Close loops in one compiled call; beside them the processor's peak."""
     scenario = qcar_env.scenario("paper")
-    n, steps, step = 1024, 4000, scenario.dt / scenario.substeps
-
-    def of(name: str, law: Any, held: bool, threads: int) -> Candidate:
-        one = plant(scenario.car, scenario.road, scenario.force, step)
-        world = world_at(0.0, scenario.road, scenario.force)
-        column = [0.0] * 8 + [*world.road, *world.force, *one.by.road, *one.by.force, *one.car]
-        column += [*one.amplitudes, *scenario.actuator.limit, *one.road, 0.0, one.Omega]
-        rows = np.zeros((engine_continuous.ROWS, n))
-        rows[: engine_continuous.WINDOW] = np.array(column)[:, np.newaxis]
-        rows[engine_continuous.WINDOW] = engine.NEVER
-        gains = np.array(law.gains)[:, np.newaxis]
-        rows[engine_continuous.GAINS : engine_continuous.GAINS + len(gains)] = gains
-        slabs, record = engine.slabs(rows), np.empty((0, 6, n))
-        kernel = engine_continuous.closed_loop_kernel(
-            law.command, law.filter_rate, type(law.gains), False, held
-        )
-        fractions = step_fractions(step)
-        work = engine.THREADED_WORK if threads > 1 else 0
-
-        def run(calls: int) -> None:
-            for _ in range(calls):
-                engine.over_blocks(
-                    lambda a, b: kernel(
-                        slabs, a, b, n, fractions, steps, scenario.substeps, 0, record
-                    ),
-                    blocks=slabs.shape[0],
-                    work=work,
-                )
-
-        count = n * steps // scenario.substeps
-        return Candidate(name=name, run=run, steps=count, alone=threads == 1)
-
     cores = engine.cores()
     found = [
-        of("rollout, held", CNVC(), True, 1),
-        of("rollout, in every stage", CNVC(), False, 1),
-        of("rollout, no control", Passive(), False, 1),
+        _rollout("rollout, held", CNVC(), held=True),
+        _rollout("rollout, in every stage", CNVC(), held=False),
+        _rollout("rollout, no control", Passive(), held=False),
     ]
     if cores > 1:
-        found.append(of(f"rollout, held, {cores} threads", CNVC(), True, cores))
+        name = f"rollout, held, {cores} threads"
+        found.append(_rollout(name, CNVC(), held=True, threads=cores))
     # what a control interval would take if the processor did nothing but multiply and add
     repeats = 200
     flops = 2 * engine.PEAK_LENGTH * engine.PEAK_WIDTH * repeats
@@ -401,12 +464,33 @@ def _memory() -> float:
     return env.nbytes / env.num_envs
 
 
+def _first_step() -> float:
+    """Return the time of making, resetting and stepping an environment, compiled before."""
+
+    def once() -> float:
+        command = [sys.executable, "-c", FIRST_STEP]
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+        return float(done.stdout)
+
+    once()  # fills the caches
+    return min(once() for _ in range(5))
+
+
+def _share() -> float | None:
+    """Return the environment's share of PPO's training time, where SB3 is installed."""
+    if not find_spec("stable_baselines3"):
+        return None
+    from agents.environment_share import environment_share
+
+    return environment_share()
+
+
 def _fresh(code: str) -> float:
     """Return the time that `code` takes in a new interpreter, beyond starting it; best of five."""
 
     def once(text: str) -> float:
         started = time.perf_counter()
-        subprocess.run([sys.executable, "-c", text], check=True)
+        subprocess.run([sys.executable, "-c", text], check=True, stdout=subprocess.DEVNULL)
         return time.perf_counter() - started
 
     once(code)  # fills the caches
@@ -421,8 +505,8 @@ def _plot(result: dict[str, Any], path: Path) -> None:
 
     from qcar_env.plots.throughput import draw
 
-    figure, axes = plt.subplots(1, 2, figsize=(7.2, 2.8), layout="constrained")
-    draw(result, axes)
+    figure, axes = plt.subplots(2, 2, figsize=(7.2, 5.6), layout="constrained")
+    draw(result, axes.ravel())
     figure.savefig(path, dpi=200)
     plt.close(figure)
 
