@@ -26,7 +26,7 @@ from qcar_env.analysis.optimum import period_optimum
 from qcar_env.control import lqr
 from qcar_env.control.lqr import Weights
 from qcar_env.evaluation.batch_rollouts import Crossings, batch_rollout, steady_rho, window_steps
-from qcar_env.evaluation.tracks import Episode, Track, episodes
+from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
 from qcar_env.physics.state import Filter, State
 from qcar_env.physics.validation import known, whole
 from qcar_env.scenarios import Scenario
@@ -225,10 +225,16 @@ def tune(
     )
 
 
-def validate(baseline: str, gains: dict[str, float], track: Track, force_scale: float) -> float:
-    """Return the mean rho over the validation set, settled from rest [-]."""
+def validate(
+    baseline: str,
+    gains: Mapping[str, float],
+    track: Track,
+    force_scale: float,
+    split: Split = "validation",
+) -> float:
+    """Return the mean rho over the validation set (or another), settled from rest [-]."""
     policy = catalogue.make(baseline, track.at(force_scale), **gains)
-    cases = episodes(track, "validation", force_scale=force_scale)
+    cases = episodes(track, split, force_scale=force_scale)
     rolled = batch_rollout(policy, cases, duration=SETTLED, observe=policy.reads)
     return float(np.mean(steady_rho(rolled, PERIODS)))
 
