@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnvWrapper
 
@@ -36,7 +37,7 @@ class Timed(VecEnvWrapper):
 def environment_share(
     *, cars: int = 64, intervals: int = 256, batch: int = 1024, updates: int = 3
 ) -> float:
-    """Train with Stable-Baselines3's PPO and time the environment.
+    """Train with Stable-Baselines3's PPO and time the environment, both on one thread.
 
     Parameters
     ----------
@@ -56,8 +57,13 @@ def environment_share(
     """
     env = Timed(QuarterCarHumpVecEnv(cars))
     model = PPO("MlpPolicy", env, n_steps=intervals, batch_size=batch, seed=0, device="cpu")
-    model.learn(cars * intervals)  # compiles, and fills what is made once
-    env.seconds = 0.0
-    began = time.perf_counter()
-    model.learn(updates * cars * intervals)
-    return env.seconds / (time.perf_counter() - began)
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # more of them wait for each other where the processor is shared
+    try:
+        model.learn(cars * intervals)  # compiles, and fills what is made once
+        env.seconds = 0.0
+        began = time.perf_counter()
+        model.learn(updates * cars * intervals)
+        return env.seconds / (time.perf_counter() - began)
+    finally:
+        torch.set_num_threads(threads)

@@ -116,7 +116,6 @@ SCRATCH_SIZE = (SAVED + CAR) * LANES
 
 HIGHEST = np.float32(1e38)  # an action above is not a finite float32
 MANY = 32  # [blocks] that do not fit the second-level cache of 1 MB: fetched ahead from there on
-STRIP = 8  # [cars] for which so much is fetched ahead at a time
 DRAWS = 12  # uniform numbers that the start of an episode takes
 RESEED = 64  # [intervals] after which phasors in single precision are computed anew
 RESEED_EXACT = 512  # the same where an interval turns them once, instead of in each half step
@@ -577,7 +576,7 @@ def _kernels(
         finished = 0
         begun = 0
         many = end_block - first_block >= MANY
-        width = STRIP if many else LANES
+        width = LINE if many else LANES  # cars of a vector, for which so much is fetched at a time
         for block in range(first_block, end_block):
             z = slabs[block]
             base = block * LANES
@@ -634,7 +633,7 @@ def _kernels(
                 for strip in range(0, lanes, width):
                     if many and k == 0:
                         line = strip * LINES // LANES
-                        for each in range(line, line + STRIP * LINES // LANES):
+                        for each in range(line, line + width * LINES // LANES):
                             prefetch(ahead, each * LINE)
                     for j in range(strip, min(strip + width, lanes)):
                         u = load(s, LANES, FORCE, j, Limits)
