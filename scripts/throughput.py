@@ -386,8 +386,7 @@ def _rollout(
     )
     fractions = step_fractions(step)
     edges = [slabs.shape[0] * i // threads for i in range(threads + 1)]
-    # Not the main thread: where its stack lies decides over a quarter of the time.
-    pool = ThreadPoolExecutor(threads)
+    pool = ThreadPoolExecutor(threads)  # as for several threads, so for one
 
     def part(begin: int, end: int) -> float:
         started = time.thread_time()

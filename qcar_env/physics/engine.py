@@ -313,6 +313,25 @@ def _prefetch(typingctx: Any, slab: Any, place: Any) -> Any:
     return types.void(slab, types.intp), codegen
 
 
+def _align_stack(typingctx: Any) -> Any:
+    """Let the kernel's own memory begin on a boundary of 64 bytes.
+
+    Vectors that do not fit the registers are kept there. Unless told, the compiler leaves them
+    where the caller's memory ends, in two cache lines each: a kernel then takes a quarter longer.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        with builder.goto_entry_block():
+            place = builder.alloca(ir.ArrayType(ir.IntType(8), 64))
+        place.align = 64
+        taken = ir.FunctionType(ir.VoidType(), [place.type])
+        builder.asm(taken, "", "r", [place], True)  # no instruction, but a use of the place
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
+
+align_stack: Any = intrinsic(_align_stack)
 prefetch: Any = intrinsic(_prefetch)
 load: Any = intrinsic(prefer_literal=True)(_load)
 load_wide: Any = intrinsic(prefer_literal=True)(_load_wide)

@@ -29,6 +29,7 @@ from qcar_env.physics.dynamics import Coefficients
 from qcar_env.physics.engine import (
     LANES,
     NEVER,
+    align_stack,
     compiled,
     kernel,
     load,
@@ -197,6 +198,7 @@ def closed_loop_kernel(
         record: Any,
     ) -> None:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        align_stack()
         saved = np.empty((ROAD + 4, LANES))
         for block in range(begin, end):
             z = slabs[block]

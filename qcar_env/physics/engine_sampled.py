@@ -25,6 +25,7 @@ from qcar_env.physics.engine import (
     LANES,
     NEVER,
     address_of,
+    align_stack,
     carray,
     compiled,
     compiled_apart,
@@ -539,6 +540,7 @@ def _kernels(
     @kernel
     def step(worker: Any, first_block: Any, end_block: Any, mode: Any, place: Any) -> Any:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        align_stack()
         held = carray(pointer_at(place, np.int64(0)), (HELD_SIZE,))
         n = held[CARS]
         slabs = carray(pointer_at(held[SLABS], real(0)), (end_block, ROWS * LANES))
