@@ -49,7 +49,8 @@ TINY = {
     ),
     "cma": dataclasses.replace(
         RECIPES["cma-budget"],
-        steps=24 * 40 * 5 * 4,
+        cars=2,
+        steps=24 * 2 * 40 * 5 * 4,
         settings=dataclasses.replace(RECIPES["cma-budget"].settings, crossing=0.2, generations=4),
     ),
 }
