@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import copy
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -55,6 +56,9 @@ class SB3Trainer:
         self.model = _model(recipe, self.env, seed, tensorboard)
         if recipe.velocity_gain:
             _begin_at_velocity_feedback(self.model, recipe)
+        self._average: nn.Module | None = None
+        if isinstance(recipe.settings, OffPolicySettings):
+            self._average = copy.deepcopy(Deterministic(self.model.policy)).requires_grad_(False)
 
     @property
     def steps(self) -> int:
@@ -62,8 +66,8 @@ class SB3Trainer:
         return int(self.model.num_timesteps)
 
     def actor(self) -> nn.Module:
-        """Return the mean action."""
-        return Deterministic(self.model.policy)
+        """Return the mean action; off policy, that of the actor's running average."""
+        return Deterministic(self.model.policy) if self._average is None else self._average
 
     def learn(self, hook: Hook) -> None:
         """Train (see `agents.trainer.Trainer`)."""
@@ -72,8 +76,21 @@ class SB3Trainer:
             return
         with contextlib.suppress(_Stop):
             self.model.learn(
-                left, callback=_Between(hook, self.recipe), reset_num_timesteps=self.steps == 0
+                left,
+                callback=_Between(hook, self.recipe, self._follow),
+                reset_num_timesteps=self.steps == 0,
             )
+
+    def _follow(self) -> None:
+        """Let the average follow the actor."""
+        settings = self.recipe.settings
+        if self._average is None or not isinstance(settings, OffPolicySettings):
+            return
+        iterations = self.steps / self.recipe.cars
+        keep = min(settings.average, iterations / (iterations + 10.0))  # the beginning counts less
+        now = Deterministic(self.model.policy)
+        for mean, each in zip(self._average.parameters(), now.parameters(), strict=True):
+            mean.lerp_(each.detach(), 1.0 - keep)
 
     def snapshot(self) -> dict[str, Any]:
         """Return networks, optimisers, cars, generators and, off policy, the replay buffer."""
@@ -90,6 +107,8 @@ class SB3Trainer:
             "numpy_generator": _numpy_state(),
             "action_generator": generator_state(model.action_space.np_random),
         }
+        if self._average is not None:
+            found["average"] = copy.deepcopy(self._average.state_dict())
         if isinstance(model, (SAC, TD3)):
             buffer = model.replay_buffer
             assert buffer is not None
@@ -113,6 +132,8 @@ class SB3Trainer:
         model._last_obs = snapshot["last_observation"].numpy().copy()
         model._last_episode_starts = snapshot["last_starts"].numpy().copy()
         self.env.restore(snapshot["env"])
+        if self._average is not None:
+            self._average.load_state_dict(snapshot["average"])
         if isinstance(model, (SAC, TD3)):
             buffer = model.replay_buffer
             assert buffer is not None
@@ -135,10 +156,11 @@ class _Stop(Exception):  # noqa: N818 - not an error
 class _Between(BaseCallback):
     """Calls the hook between iterations and moves PPO's exploration along its schedule."""
 
-    def __init__(self, hook: Hook, recipe: Recipe) -> None:
+    def __init__(self, hook: Hook, recipe: Recipe, follow: Callable[[], None]) -> None:
         super().__init__()
         self._hook = hook
         self._recipe = recipe
+        self._follow = follow
 
     def _on_rollout_start(self) -> None:
         if not self._hook():
@@ -150,6 +172,9 @@ class _Between(BaseCallback):
             policy: Any = self.model.policy
             with torch.no_grad():
                 policy.log_std.fill_(annealed((first, last), progress))
+
+    def _on_rollout_end(self) -> None:
+        self._follow()
 
     def _on_step(self) -> bool:
         return True
