@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import csv
 import json
+import math
 import sys
 from collections.abc import Sequence
 from functools import cache
@@ -38,6 +39,7 @@ RUNS = Path("runs")
 OUT = Path("results/learning")
 RESAMPLES = 2000  # of the bootstrap
 GRID = 60  # points of a curve
+LOWEST = 1e-5  # [-] level that still has a line in a figure
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -128,6 +130,7 @@ def interval(values: Sequence[float], rng: np.random.Generator) -> tuple[float, 
 def _rows(recipe: Recipe, folders: Sequence[Path]) -> list[dict[str, Any]]:
     results = [json.loads((each / "result.json").read_text("utf-8")) for each in folders]
     held_out = [score_all(Agent(each), recipe, "held-out") for each in folders]
+    histories = [_history(each) for each in folders]
     rng = np.random.default_rng(0)
     rows = []
     for scale in recipe.force_scales:
@@ -136,6 +139,7 @@ def _rows(recipe: Recipe, folders: Sequence[Path]) -> list[dict[str, Any]]:
         low, high = interval(rho, rng)
         drawn = episodes(recipe.track, "held-out", force_scale=scale)
         law, tuned = best_tuned(recipe.track, scale)
+        cnvc = scoring.reference("cnvc", recipe.track, scale, drawn)
         rows.append(
             {
                 "algorithm": recipe.algorithm,
@@ -148,7 +152,7 @@ def _rows(recipe: Recipe, folders: Sequence[Path]) -> list[dict[str, Any]]:
                 "low": low,
                 "high": high,
                 "optimum": at[0]["optimum"],
-                "cnvc": float(scoring.reference("cnvc", recipe.track, scale, drawn).rho.mean()),
+                "cnvc": float(cnvc.rho.mean()),
                 "velocity": float(
                     scoring.reference("velocity", recipe.track, scale, drawn).rho.mean()
                 ),
@@ -157,26 +161,26 @@ def _rows(recipe: Recipe, folders: Sequence[Path]) -> list[dict[str, Any]]:
                 "steps": int(np.median([each["steps"] for each in results])),
                 "wall": float(np.median([each["wall_s"] for each in results])),
                 "cpu": float(np.median([each["cpu_s"] for each in results])),
+                "passed": float(np.median([_passed(each, cnvc) for each in histories])),
             }
         )
     return rows
 
 
+def _history(folder: Path) -> list[dict[str, float]]:
+    with (folder / "progress.csv").open(newline="", encoding="utf-8") as file:
+        return [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+
+
+def _passed(history: Sequence[dict[str, float]], cnvc: scoring.Score) -> float:
+    """Return the processor time [s] of the first live evaluation with both masses below CNVC."""
+    x1, x2 = cnvc.relative.mean(axis=0)
+    return next((at["cpu"] for at in history if at["x1"] < x1 and at["x2"] < x2), math.inf)
+
+
 def _curves(recipe: Recipe, folders: Sequence[Path]) -> list[dict[str, Any]]:
-    points = []
-    for folder in folders:
-        with (folder / "progress.csv").open(newline="", encoding="utf-8") as file:
-            for row in csv.DictReader(file):
-                points.append(
-                    {
-                        "recipe": recipe.name,
-                        "task": recipe.task,
-                        "algorithm": recipe.algorithm,
-                        "run": folder.name,
-                        **{name: float(value) for name, value in row.items()},
-                    }
-                )
-    return points
+    names = {"recipe": recipe.name, "task": recipe.task, "algorithm": recipe.algorithm}
+    return [{**names, "run": folder.name, **row} for folder in folders for row in _history(folder)]
 
 
 def report(rows: Sequence[dict[str, Any]]) -> str:
@@ -189,11 +193,12 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
         "",
         "rho is max(a1/A1, a2/A2) in steady state on the held-out set, mean over its crossings;",
         "x1 and x2 are the largest amplitudes [m]. Median over seeds; the interval is a 95 %",
-        "bootstrap of that median. Times are of training alone [s], on one thread.",
+        "bootstrap of that median. Times are of training alone [s], on one thread: to the end, and",
+        "on the processor to the first live evaluation with both masses below CNVC.",
         "",
         "| task | s | algorithm | seeds | x1 | x2 | rho | interval | optimum |"
-        " tuned | velocity | CNVC | steps | wall | CPU |",
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
+        " tuned | velocity | CNVC | steps | wall | CPU | below CNVC |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for row in sorted(rows, key=lambda each: (each["task"], -each["s"], each["rho"])):
         lines.append(
@@ -201,7 +206,8 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
             f"| {row['x1']:.5f} | {row['x2']:.5f} | {row['rho']:.4f} "
             f"| {row['low']:.4f} to {row['high']:.4f} | {row['optimum']:.4f} "
             f"| {row['tuned']:.4f} ({row['tuned_law']}) | {row['velocity']:.4f} "
-            f"| {row['cnvc']:.4f} | {row['steps']:,} | {row['wall']:.0f} | {row['cpu']:.0f} |"
+            f"| {row['cnvc']:.4f} | {row['steps']:,} | {row['wall']:.0f} | {row['cpu']:.0f} "
+            f"| {row['passed']:.1f} |"
         )
     present = dict.fromkeys(row["algorithm"] for row in rows)
     lines += ["", *(f"- {name}: {ALGORITHM_TITLES[name]}" for name in present)]
@@ -223,38 +229,46 @@ def _figure(task: str, points: Sequence[dict[str, Any]], out: Path) -> None:
 
     from qcar_env.plots.learning import COLOURS, learning_curve, reference_lines
 
+    names = list(dict.fromkeys(each["recipe"] for each in points))
+    recipe = RECIPES[names[0]]
+    scale = recipe.force_scales[0]
+    law, tuned = best_tuned(recipe.track, scale)
+    drawn = episodes(recipe.track, "held-out", force_scale=scale)
+    levels = {
+        "CNVC": float(scoring.reference("cnvc", recipe.track, scale, drawn).rho.mean()),
+        "velocity": float(scoring.reference("velocity", recipe.track, scale, drawn).rho.mean()),
+        f"tuned {law}": tuned,
+        "optimum": float(np.mean([scoring.optimum(each.scenario) for each in drawn])),
+    }
+    lowest = 0.8 * min(each["rho"] for each in points)
     figure = Figure(figsize=(9.0, 3.8), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
     for axes, across, label in (
         (left, "cpu", "training time on the processor [s]"),
         (right, "steps", "environment steps"),
     ):
-        names = list(dict.fromkeys(each["recipe"] for each in points))
         for name, colour in zip(names, COLOURS, strict=False):
             runs: dict[str, list[tuple[float, float]]] = {}
             for each in points:
-                if each["recipe"] == name:
+                if each["recipe"] == name and each["steps"] > 0:
                     runs.setdefault(each["run"], []).append((each[across], each["rho"]))
-            shortest = min(run[-1][0] for run in runs.values())
-            at = np.linspace(0.0, shortest, GRID)
+            begin = max(run[0][0] for run in runs.values())
+            end = min(run[-1][0] for run in runs.values())
+            at = np.geomspace(begin, end, GRID)
             curves = [np.interp(at, *np.array(run).T) for run in runs.values()]
-            learning_curve(axes, at, curves, label=name, colour=colour)
-        recipe = RECIPES[names[0]]
-        scale = recipe.force_scales[0]
-        law, tuned = best_tuned(recipe.track, scale)
-        reference_lines(
-            axes,
-            {
-                "CNVC": float(scoring.reference("cnvc", recipe.track, scale).rho[0]),
-                "velocity": float(scoring.reference("velocity", recipe.track, scale).rho[0]),
-                f"tuned {law}": tuned,
-                "optimum": scoring.optimum(recipe.track.at(scale)),
-            },
-        )
+            learning_curve(axes, at, curves, label=f"{name}, {len(curves)} seeds", colour=colour)
+        axes.set_xscale("log")
         axes.set_xlabel(label)
+        lowest = min(lowest, 0.8 * min(filter(lambda level: level > LOWEST, levels.values())))
+        reference_lines(axes, {name: each for name, each in levels.items() if each > lowest})
+    left.set_ylim(bottom=lowest)
     left.set_ylabel("rho, live evaluation [-]")
     left.legend(fontsize="small")
-    figure.suptitle(f"{task}: median and range of the seeds")
+    below = ", ".join(f"{name} {each:.1g}" for name, each in levels.items() if each <= lowest)
+    figure.suptitle(
+        f"{task}: median and range of the seeds" + (f"; below the axis: {below}" if below else ""),
+        fontsize="medium",
+    )
     with replacing(out / f"{task}.png") as path:
         figure.savefig(path, dpi=150)
 
