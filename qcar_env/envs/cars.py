@@ -29,12 +29,14 @@ SAME_STEP = engine_sampled.SAME_STEP
 
 
 # What a control interval brings; the arrays are the caller's own. A plain tuple, as it is made in
-# each step: whether the actions fitted; observations (n, size); rewards (n,); terminated and
+# each step: 0; observations (n, size); rewards (n,); terminated and
 # truncated (n,); forces (n, m); the terms of the reward x1, x2 and travel, (n,) each; the number of
-# cars whose episode is over now, and of those that have begun their next one.
+# cars whose episode is over now, and of those that have begun their next one; if there are any,
+# which have begun and which have not, (n,) each, and the phases of the roads of those [rad], 0
+# elsewhere.
 Numbers: TypeAlias = NDArray[np.float64]
 Interval: TypeAlias = tuple[
-    bool,
+    int,
     NDArray[np.float32],
     Numbers,
     NDArray[np.bool_],
@@ -45,6 +47,9 @@ Interval: TypeAlias = tuple[
     Numbers,
     int,
     int,
+    NDArray[np.bool_] | None,
+    NDArray[np.bool_] | None,
+    Numbers | None,
 ]
 
 
@@ -106,13 +111,13 @@ class Cars:
         self._with_limit = observe_limit
         self._single = single
         self._exact = exact
-        self._threads = whole("threads", threads)
         self._sizes = (scenario.dt, scenario.substeps)
         real = np.float32 if single else np.float64
         self._blocks = -(-self.n // engine.LANES)
+        self._workers = min(whole("threads", threads), self._blocks)
         width = engine_sampled.SCRATCH_SIZE
         self._slabs = engine.aligned((self._blocks, engine_sampled.ROWS * engine.LANES), real)
-        self._scratch = engine.aligned((self._threads, width), real)
+        self._scratch = engine.aligned((self._workers, width), real)
         self._quiet = np.zeros(self._blocks, np.int64)
         self._waiting = np.zeros(self._blocks, np.int64)
         self._streams = np.empty((self.n, 4), np.uint64)
@@ -136,9 +141,13 @@ class Cars:
         )
         self._pid = os.getpid()
         self._hold()
-        self._prepare = engine.direct(self._kernels.prepare, 0, engine.OBJECT)
-        self._restarts = engine.direct(self._kernels.restarts, 0)
-        self._step = engine.direct(self._kernels.step, 0, 0, 1, NEXT_STEP, 0)
+        if self._workers == 1:
+            self._step = engine.direct(self._kernels.step, 0, engine.OBJECT, NEXT_STEP)
+        else:
+            self._prepare = engine.direct(self._kernels.prepare, 0, engine.OBJECT)
+            self._step_blocks = engine.direct(self._kernels.step_blocks, 0, 0, 1, NEXT_STEP, 0)
+            self._restarts = engine.direct(self._kernels.restarts, 0)
+            self._step = self._step_on_threads
 
     def _hold(self) -> None:
         """Note where the arrays lie, for the kernel."""
@@ -166,7 +175,7 @@ class Cars:
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave compiled code and threads behind; they are made anew."""
-        code = ("_kernels", "_prepare", "_restarts", "_step")
+        code = ("_kernels", "_prepare", "_restarts", "_step", "_step_blocks")
         made = (*code, "_pool", "_pid", "_held", "_place")
         return {k: v for k, v in vars(self).items() if k not in made}
 
@@ -271,47 +280,36 @@ class Cars:
             If the actions have the wrong shape, one is not a finite number, or a car's episode is
             over and nothing begins the next one. No car has moved then.
         """
-        prepare, step, place = self._prepare, self._step, self._place
-        made = prepare(place, actions)
-        if not made[0]:
+        made = self._step(self._place, actions, mode)
+        if made[0]:
             actions = self._checked(actions)
-            made = prepare(place, actions)
-        if self._threads == 1 or self._blocks == 1:
-            code, finished, begun = step(0, 0, self._blocks, mode, place)
-        else:
-            code, finished, begun = self._step_on_threads(actions, mode)
-        if code:
-            self._refuse(code, actions)
-        return *made, finished, begun
+            made = self._step(self._place, actions, mode)
+            if made[0]:
+                self._refuse(made[0], actions)
+        return made
 
-    def restarts(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]]:
-        """Return which cars have begun again since the last call, and which have not.
-
-        Returns
-        -------
-        begun, others : ndarray (n,) of bool
-        phase : ndarray (n,)
-            Phases of the roads of those that have begun [rad], 0 elsewhere.
-        """
-        return self._restarts(self._place)
-
-    def _step_on_threads(self, actions: NDArray[np.float32], mode: int) -> tuple[int, int, int]:
+    def _step_on_threads(self, place: int, actions: NDArray[np.float32], mode: int) -> Any:
+        """Do what the kernel `step` does, on the threads of a pool."""
+        made = self._prepare(place, actions)
+        if made[0]:
+            return made
         if not np.isfinite(actions).all():  # before any worker moves a car
-            return -1, 0, 0
+            return -1, *made[1:]
         if mode == DISABLED and self.done.any():
-            return -2, 0, 0
+            return -2, *made[1:]
         if self._pool is None or self._pid != os.getpid():
-            self._pool = ThreadPoolExecutor(self._threads)
+            self._pool = ThreadPoolExecutor(self._workers - 1)
             self._pid = os.getpid()
-        workers = min(self._threads, self._blocks)
-        edges = [self._blocks * i // workers for i in range(workers + 1)]
-        rest = (mode, self._place)
+        edges = [self._blocks * i // self._workers for i in range(self._workers + 1)]
         jobs = [
-            self._pool.submit(self._step, i, edges[i], edges[i + 1], *rest)
-            for i in range(1, workers)
+            self._pool.submit(self._step_blocks, i, edges[i], edges[i + 1], mode, place)
+            for i in range(1, self._workers)
         ]
-        results = [self._step(0, 0, edges[1], *rest), *(job.result() for job in jobs)]
-        return 0, sum(each[1] for each in results), sum(each[2] for each in results)
+        results = [self._step_blocks(0, 0, edges[1], mode, place)]
+        results += [job.result() for job in jobs]
+        finished, begun = (sum(each[i] for each in results) for i in (1, 2))
+        again = self._restarts(place) if begun else (None, None, None)
+        return *made[:9], finished, begun, *again
 
     def _checked(self, actions: Any) -> NDArray[np.float32]:
         """Return a copy of the actions as an array of the kind that the engine takes."""

@@ -265,6 +265,9 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             reward_travel,
             _,
             begun,
+            again,
+            others,
+            phase,
         ) = self._cars.step(actions, self._mode)
         if self.render_mode is not None:
             self._actions = np.array(actions, batch.SHOWN).clip(-1.0, 1.0)
@@ -280,7 +283,13 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             "_reward_travel": every,
         }
         if begun:
-            info = self._after_restarts(info, begun)
+            info["_reward_x1"] = info["_reward_x2"] = info["_reward_travel"] = others
+            info["phase"], info["_phase"] = phase, again
+            if self._mode == batch.SAME_STEP:
+                self._add_last(info)
+            if begun == self.num_envs:
+                for name in TERMS:
+                    del info[name], info[f"_{name}"]
         return observations, rewards, terminated, truncated, info
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
@@ -355,28 +364,21 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     def close_extras(self, **kwargs: Any) -> None:
         """Hold nothing that needs closing."""
 
-    def _after_restarts(self, info: dict[str, Any], begun: int) -> dict[str, Any]:
-        """Separate what is said of the cars that have begun again from the others."""
-        fresh, stay, phase = self._cars.restarts()
-        info["_reward_x1"] = info["_reward_x2"] = info["_reward_travel"] = stay
-        info["phase"], info["_phase"] = phase, fresh
-        if self.autoreset_mode == AutoresetMode.SAME_STEP:
-            cars = np.flatnonzero(fresh)
-            last: dict[str, Any] = {}
-            for name in ("force", *TERMS):
-                last[name] = np.zeros_like(info[name])
-                last[name][cars] = info[name][cars]
-                last[f"_{name}"] = fresh
-                info[name][cars] = 0.0  # as after the reset
-            final = np.full(self.num_envs, None, dtype=object)
-            for i, seen in zip(cars.tolist(), self._cars.finals[cars], strict=True):
-                final[i] = seen
-            info |= {"final_obs": final, "_final_obs": fresh}
-            info |= {"final_info": last, "_final_info": fresh}
-        if begun == self.num_envs:
-            for name in TERMS:
-                del info[name], info[f"_{name}"]
-        return info
+    def _add_last(self, info: dict[str, Any]) -> None:
+        """Add the last observations and forces of the cars that have begun again."""
+        again = info["_phase"]
+        cars = np.flatnonzero(again)
+        last: dict[str, Any] = {}
+        for name in ("force", *TERMS):
+            last[name] = np.zeros_like(info[name])
+            last[name][cars] = info[name][cars]
+            last[f"_{name}"] = again
+            info[name][cars] = 0.0  # as after the reset
+        final = np.full(self.num_envs, None, dtype=object)
+        for i, seen in zip(cars.tolist(), self._cars.finals[cars], strict=True):
+            final[i] = seen
+        info |= {"final_obs": final, "_final_obs": again}
+        info |= {"final_info": last, "_final_info": again}
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
         if given is None:

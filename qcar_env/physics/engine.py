@@ -331,7 +331,28 @@ def _align_stack(typingctx: Any) -> Any:
     return types.void(), codegen
 
 
+def _let_go(typingctx: Any) -> Any:
+    """Let go of the interpreter's lock; return what `take_back` needs."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return context.get_python_api(builder).save_thread()
+
+    return types.voidptr(), codegen
+
+
+def _take_back(typingctx: Any, thread: Any) -> Any:
+    """Wait for the interpreter's lock, and hold it."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        context.get_python_api(builder).restore_thread(args[0])
+        return context.get_dummy_value()
+
+    return types.void(thread), codegen
+
+
 align_stack: Any = intrinsic(_align_stack)
+let_go: Any = intrinsic(_let_go)
+take_back: Any = intrinsic(_take_back)
 prefetch: Any = intrinsic(_prefetch)
 load: Any = intrinsic(prefer_literal=True)(_load)
 load_wide: Any = intrinsic(prefer_literal=True)(_load_wide)
@@ -449,6 +470,15 @@ def _fresh(typingctx: Any, makers: Any, like: Any, shape: Any) -> Any:
     return OBJECT(makers, like, shape), codegen
 
 
+def _nothing(typingctx: Any) -> Any:
+    """Return None, where an array may stand otherwise."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return context.get_python_api(builder).make_none()
+
+    return OBJECT(), codegen
+
+
 def _address_of(typingctx: Any, array: Any) -> Any:
     """Return the address of an array's numbers."""
 
@@ -498,6 +528,7 @@ def _counts(context: Any, builder: Any, values: Any, kinds: Any) -> list[Any]:
 
 
 fresh: Any = intrinsic(_fresh)
+nothing: Any = intrinsic(_nothing)
 address_of: Any = intrinsic(_address_of)
 is_array: Any = intrinsic(_is_array)
 

@@ -32,9 +32,11 @@ from qcar_env.physics.engine import (
     fresh,
     is_array,
     kernel,
+    let_go,
     load,
     load_wide,
     load_world,
+    nothing,
     pointer_at,
     prefetch,
     put,
@@ -43,6 +45,7 @@ from qcar_env.physics.engine import (
     source_stamp,
     store,
     store_world,
+    take_back,
 )
 from qcar_env.physics.engine_random import uniform
 from qcar_env.physics.exact_map import ExactMap, Weights, exact_interval
@@ -95,7 +98,7 @@ SCRATCH_SIZE = (SAVED + CAR) * LANES
     WHICH,  # (n,) of int64: from which of them each car draws its episodes
     SCRATCHES,  # (workers, SCRATCH_SIZE)
     FINALS,  # (n, size) of float32: last observations of the cars that have begun again
-    RESTARTED,  # (n,) of bool: which cars these are, until `restarts` clears it
+    RESTARTED,  # (n,) of bool: which cars these are, until a step has returned it
     PHASES,  # (n,): of their roads
     COMMON,  # (SHARED,): what all cars have in common where the exact map advances them
     SETTINGS,  # (6,): dt, substeps and the Step
@@ -162,6 +165,7 @@ class Kernels(NamedTuple):
 
     step: Any
     prepare: Any
+    step_blocks: Any
     restarts: Any
     reset: Any
     step_one: Any
@@ -356,19 +360,21 @@ def kernels(
 
     Notes
     -----
-    ``prepare(place, actions)`` makes the arrays that a step of a batch returns and notes where they
-    lie among the batch's numbers (`SLABS` and the following), whose address is `place`. It returns
-    ``(fits, observations, rewards, terminated, truncated, forces, reward terms x1, x2, travel)``;
-    if the actions are no array (n, m) of float32, `fits` is false and the step must not follow.
+    ``step(place, actions, mode)`` advances all cars by one control interval; `place` is the address
+    of the batch's numbers (`SLABS` and the following), `mode` is `DISABLED`, `NEXT_STEP` or
+    `SAME_STEP`. It returns ``(code, observations, rewards, terminated, truncated, forces, reward
+    terms x1, x2, travel, finished, begun, again, others, phases)``: new arrays, and the numbers of
+    cars that have finished and begun. If any have begun, the last three are which have, (n,) of
+    bool, which have not, and the phases of the roads of those that have, (n,), 0 elsewhere; None
+    otherwise. The code is 0, or -1 if an action is not a finite number, -2 if the episode of a car
+    is over and the mode is `DISABLED`, -3 if the actions are no array (n, m) of float32; no car has
+    moved then.
 
-    ``step(worker, first_block, end_block, mode, place)`` advances the cars of some blocks by one
-    control interval; `mode` is `DISABLED`, `NEXT_STEP` or `SAME_STEP`. It returns ``(code,
-    finished, begun)``: 0, -1 if an action is not a finite number or -2 if the episode of a car is
-    over and the mode is `DISABLED` (no car has moved then, unless the blocks are shared out to
-    several workers), and the numbers of cars that have finished and begun.
-
-    ``restarts(place)`` returns which cars have begun again since the last call, (n,) of bool, which
-    have not, and the phases of the roads of those that have, (n,), 0 elsewhere.
+    Several workers share a step out. ``prepare(place, actions)`` makes the arrays and notes where
+    they lie; it returns what `step` does, with the code 0 or -3. Then ``step_blocks(worker,
+    first_block, end_block, mode, place)`` advances the cars of some blocks and returns ``(code,
+    finished, begun)``; other workers may have moved theirs if the code is not 0. If any have begun,
+    ``restarts(place)`` returns the last three.
 
     ``reset(slabs, quiet, waiting, streams, nominals, which, mask, given, dt, observations)``
     begins episodes of the cars in `mask` (n,) and writes all observations; given (n, 5) has states
@@ -514,31 +520,8 @@ def _kernels(
             for j in range(lanes):
                 waiting[block] += np.int64(z[DONE * LANES + j] > 0)
 
-    @single_kernel
-    def prepare(place: Any, given: Any) -> Any:
-        sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        held = carray(pointer_at(place, np.int64(0)), (HELD_SIZE,))
-        makers, n = (held[MAKER], held[ARRAY_TYPE]), held[CARS]
-        seen = fresh(makers, np.float32(0), (n, size))
-        reward, reward_x1 = fresh(makers, 0.0, (n,)), fresh(makers, 0.0, (n,))
-        reward_x2, reward_travel = fresh(makers, 0.0, (n,)), fresh(makers, 0.0, (n,))
-        terminated, truncated = fresh(makers, np.bool_(0), (n,)), fresh(makers, np.bool_(0), (n,))
-        push = fresh(makers, 0.0, (n, actions))
-        fits = is_array(makers, given, (n, actions))
-        if fits:
-            held[GIVEN] = address_of(given)
-        held[SEEN], held[REWARD], held[PUSH] = (
-            address_of(seen),
-            address_of(reward),
-            address_of(push),
-        )
-        held[TERMINATED], held[TRUNCATED] = address_of(terminated), address_of(truncated)
-        held[REWARD_X1], held[REWARD_X2] = address_of(reward_x1), address_of(reward_x2)
-        held[REWARD_TRAVEL] = address_of(reward_travel)
-        return fits, seen, reward, terminated, truncated, push, reward_x1, reward_x2, reward_travel
-
     @kernel
-    def step(worker: Any, first_block: Any, end_block: Any, mode: Any, place: Any) -> Any:
+    def step_blocks(worker: Any, first_block: Any, end_block: Any, mode: Any, place: Any) -> Any:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         align_stack()
         held = carray(pointer_at(place, np.int64(0)), (HELD_SIZE,))
@@ -780,9 +763,30 @@ def _kernels(
                     quiet[block] = min(quiet[block], quiet_of(z, j, dt))
         return 0, finished, begun
 
-    @single_kernel
-    def restarts(place: Any) -> Any:
-        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+    @compiled
+    def arrays(place: Any, given: Any) -> Any:
+        held = carray(pointer_at(place, np.int64(0)), (HELD_SIZE,))
+        makers, n = (held[MAKER], held[ARRAY_TYPE]), held[CARS]
+        code = -3
+        if is_array(makers, given, (n, actions)):
+            code = 0
+            held[GIVEN] = address_of(given)
+        seen, push = fresh(makers, np.float32(0), (n, size)), fresh(makers, 0.0, (n, actions))
+        reward, reward_x1 = fresh(makers, 0.0, (n,)), fresh(makers, 0.0, (n,))
+        reward_x2, reward_travel = fresh(makers, 0.0, (n,)), fresh(makers, 0.0, (n,))
+        terminated, truncated = fresh(makers, np.bool_(0), (n,)), fresh(makers, np.bool_(0), (n,))
+        held[SEEN], held[REWARD], held[PUSH] = (
+            address_of(seen),
+            address_of(reward),
+            address_of(push),
+        )
+        held[TERMINATED], held[TRUNCATED] = address_of(terminated), address_of(truncated)
+        held[REWARD_X1], held[REWARD_X2] = address_of(reward_x1), address_of(reward_x2)
+        held[REWARD_TRAVEL] = address_of(reward_travel)
+        return code, seen, reward, terminated, truncated, push, reward_x1, reward_x2, reward_travel
+
+    @compiled
+    def restarted_cars(place: Any) -> Any:
         held = carray(pointer_at(place, np.int64(0)), (HELD_SIZE,))
         makers, n = (held[MAKER], held[ARRAY_TYPE]), held[CARS]
         marked, phase = fresh(makers, np.bool_(0), (n,)), fresh(makers, 0.0, (n,))
@@ -798,4 +802,49 @@ def _kernels(
         restarted[:] = False
         return marked, others, phase
 
-    return Kernels(step, prepare, restarts, reset, step_one, reset_one)
+    @single_kernel
+    def restarts(place: Any) -> Any:
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        return restarted_cars(place)
+
+    @single_kernel
+    def prepare(place: Any, given: Any) -> Any:
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        made = arrays(place, given)
+        return *made, 0, 0, nothing(), nothing(), nothing()
+
+    @single_kernel
+    def step(place: Any, given: Any, mode: Any) -> Any:
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        code, seen, reward, terminated, truncated, push, reward_x1, reward_x2, reward_travel = (
+            arrays(place, given)
+        )
+        finished, begun = 0, 0
+        if code == 0:
+            held = carray(pointer_at(place, np.int64(0)), (HELD_SIZE,))
+            blocks = (held[CARS] + LANES - 1) // LANES
+            thread = let_go()
+            code, finished, begun = step_blocks(0, 0, blocks, mode, place)
+            take_back(thread)
+        if begun > 0:
+            again, others, phase = restarted_cars(place)
+        else:
+            again, others, phase = nothing(), nothing(), nothing()
+        return (
+            code,
+            seen,
+            reward,
+            terminated,
+            truncated,
+            push,
+            reward_x1,
+            reward_x2,
+            reward_travel,
+            finished,
+            begun,
+            again,
+            others,
+            phase,
+        )
+
+    return Kernels(step, prepare, step_blocks, restarts, reset, step_one, reset_one)
