@@ -31,7 +31,9 @@ def draw(result: Mapping[str, Any], axes: Sequence[Any]) -> Sequence[Any]:
         if points:
             rate.loglog(*zip(*points, strict=True), marker=marker, color=color, label=label)
     rate.set(xlabel="cars [-]", ylabel="million steps a second")
-    rate.legend(fontsize="x-small")
+    bottom, top = rate.get_ylim()
+    rate.set_ylim(bottom / (top / bottom) ** 0.5, top)  # room for the legend
+    rate.legend(fontsize="x-small", loc="lower right", ncols=2)
 
     points = [(n, n * us) for n, us in _points(times, r"batch (\d+)")]
     whole = [(n, us) for n, us in points if n >= 1024]
