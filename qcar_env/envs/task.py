@@ -45,8 +45,9 @@ OBSERVE: tuple[Observe, ...] = ("full", "feedback")
 FEEDBACK_SIZE = 4  # entries of observe="feedback": the state
 FULL_SIZE = 8  # entries of observe="full": also road and external force
 
-# Cost of a step of the uncontrolled motion [-]. SAC with Stable-Baselines3's defaults ended with the
-# body at 0.010 m with 10 and at 0.048 m, just below CNVC, with 1 (one seed); PPO's learn with both.
+# Cost of a step of the uncontrolled motion [-]. SAC with Stable-Baselines3's defaults ended with
+# the body at 0.010 m with 10, and at 0.048 m, just below CNVC, with 1 (one seed); PPO's learn with
+# both.
 UNCONTROLLED_COST = 10.0
 WEIGHT = 0.5 * UNCONTROLLED_COST  # [-] of each relative amplitude in the cost: of their mean
 STEPS_LOST = 100.0  # [-] steps at the travel limit that leaving it costs: 1 / (1 - 0.99)
