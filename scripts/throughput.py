@@ -58,7 +58,7 @@ SINGLE_NUMBERS = (
     "environment_share_of_ppo",
 )
 LENGTHS = (250, 500, 1000, 2000, 4000)  # [intervals] of closed loops
-OPERATIONS = 164  # of an RK4 step of the plant, see `count_operations` in the tests
+OPERATIONS = 144  # of an RK4 step of the plant, see `count_operations` in the tests
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -373,7 +373,8 @@ def _rollout(
     steps, step = intervals * scenario.substeps, scenario.dt / scenario.substeps
     one = plant(scenario.car, scenario.road, scenario.force, step)
     world = world_at(0.0, scenario.road, scenario.force)
-    column = [0.0] * 8 + [*world.road, *world.force, *one.by.road, *one.by.force, *one.car]
+    column = [0.0] * 8 + [*world.road, *world.force, *one.passage.by.road]
+    column += [*one.passage.by.force, *one.passage.middle, *one.car]
     column += [*one.amplitudes, *scenario.actuator.limit, *one.road, 0.0, one.Omega]
     rows = np.zeros((engine_continuous.ROWS, cars))
     rows[: engine_continuous.WINDOW] = np.array(column)[:, np.newaxis]

@@ -29,7 +29,7 @@ from qcar_env.control.law import (
 )
 from qcar_env.control.passive import Passive
 from qcar_env.physics.car import UNITS, QuarterCar
-from qcar_env.physics.dynamics import Coefficients, Forcing
+from qcar_env.physics.dynamics import Coefficients, forcing_by
 from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.roads import Road, harmonic
 from qcar_env.physics.state import Filter, State
@@ -265,7 +265,8 @@ class ForcedCars:
         car = Coefficients(*(c[:, None] for c in self.car))
         gains = self.gains.values._make(g[:, None] for g in self.gains.values)
         h, f, omega = self.h[:, None], self.f[:, None], self.omega[:, None]
-        forcing = Forcing(h * np.sin(phase), h * omega * np.cos(phase), f * np.cos(phase))
+        sine, cosine = np.sin(phase), np.cos(phase)
+        forcing = forcing_by(h * sine, h * omega * cosine, f * cosine, car)
         plant = State(*state[:4])
         if self.gains.filter_rate is None:
             return np.array(memoryless_rate(plant, forcing, self.gains.command, gains, car))

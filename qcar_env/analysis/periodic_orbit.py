@@ -9,6 +9,7 @@ the averaged statement is held against.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -84,7 +85,7 @@ def orbit_states(system: PeriodicSystem, state: Array, *, steps: int = STEPS) ->
     x = np.asarray(state, dtype=float)
     for index in range(steps):
         begin, middle, end = (np.array([turn * (index + part)]) for part in (0.0, 0.5, 1.0))
-        x = rk4_step(system.rate, _advance, x, step, begin, middle, end)
+        x = rk4_step(system.rate, _advance, operator.add, x, step, begin, middle, end)
         yield x
 
 

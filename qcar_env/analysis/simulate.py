@@ -322,7 +322,8 @@ class _Cases:
             column = (
                 *_flat(self.starts[i]),
                 *worlds(road, force),
-                *_flat(one.by),
+                *_flat(one.passage.by),
+                *one.passage.middle,
                 *one.car,
                 *one.amplitudes,
                 *self.limits[i],
@@ -394,7 +395,7 @@ class _Cases:
         )
         limits = closed_loop.Limits(*np.array(self.limits).T)
         about = np.array([_flat(each) for each in states]).T
-        still = Forcing(0.0, 0.0, 0.0)
+        still = Forcing(0.0, 0.0)
 
         def rates(values: Array) -> Array:
             x = ControlledState(State(*values[:4]), Filter(*values[4:]))

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.physics.closed_loop import Limits
-from qcar_env.physics.forcing import Amplitudes, World
+from qcar_env.physics.forcing import World, amplitudes_of, passage_of
 from qcar_env.physics.motion import Plant, angle, half_step_angles
 from qcar_env.physics.rk4 import step_fractions
 from qcar_env.physics.roads import ENDLESS, Phasor, RoadPieces, kink_time
@@ -271,12 +271,14 @@ def begin(x: Any, phase: Any, factors: Any, nominal: Any) -> Episode:
     kink = 0
     while kink_time(kink, road) <= start:
         kink += 1
+    car = vary_car(nominal, factors.load, factors.wheel_mass)
+    amplitudes = amplitudes_of(h, omega, f, car)
     plant = Plant(
-        vary_car(nominal, factors.load, factors.wheel_mass),
-        Amplitudes(h, h * omega, f),
+        car,
+        amplitudes,
         road,
         Omega,
-        half_step_angles(omega, Omega, nominal.step),
+        passage_of(half_step_angles(omega, Omega, nominal.step), amplitudes),
         step_fractions(nominal.step),
     )
     limits = Limits(

@@ -328,8 +328,8 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             ) from error
         nominal = self._cars.scenario_of(car)
         row = self._cars.row(0, ROWS)[:, car].tolist()
-        h, _, f = row[AMPLITUDES : AMPLITUDES + 3]
-        omega = row[PIECES + 1]
+        h, omega = row[PIECES : PIECES + 2]
+        f = row[AMPLITUDES + 2]
         limit = tuple(row[FORCES : FORCES + self._cars.actions])
         elapsed = row[ELAPSED] * self.dt
         return Picture(

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from qcar_env.physics.dynamics import rate
-from qcar_env.physics.state import Filter, State, advance, advance_filter
+from qcar_env.physics.state import Filter, State, add, add_filter, advance, advance_filter
 
 UNLIMITED = 1e300  # [m/s^2] of an actuator without a limit; finite, so that 0 * UNLIMITED is 0
 
@@ -112,3 +112,8 @@ def advance_controlled(state: Any, step: Any, rate: Any) -> ControlledState:
         advance(state.plant, step, rate.plant),
         advance_filter(state.filter, step, rate.filter),
     )
+
+
+def add_controlled(a: Any, b: Any) -> ControlledState:
+    """Return the sum of two rates of plant and filter."""
+    return ControlledState(add(a.plant, b.plant), add_filter(a.filter, b.filter))

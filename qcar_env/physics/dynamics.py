@@ -21,8 +21,7 @@ from qcar_env.physics.state import State
 class Forcing(NamedTuple):
     """What the world does to the car at one instant."""
 
-    y: Any  # road height under the tyre [m]
-    y_dot: Any  # its rate as the car moves over it [m/s]
+    road: Any  # specific force of the road on the wheel, ``mu1 y + mu2 y'`` [m/s^2]
     F: Any  # external specific force on the body [m/s^2]
 
 
@@ -43,6 +42,23 @@ class Coefficients(NamedTuple):
     mu2: Any  # tyre damping per wheel mass [1/s]
 
 
+def forcing_by(y: Any, y_dot: Any, F: Any, car: Any) -> Forcing:
+    """Return the forcing of a car by road and external force.
+
+    Parameters
+    ----------
+    y : float or array (n,)
+        Road height under the tyre [m].
+    y_dot : float or array (n,)
+        Its rate as the car moves over it [m/s].
+    F : float or array (n,)
+        External specific force on the body [m/s^2].
+    car : Coefficients or QuarterCar
+        Coefficients of the plant.
+    """
+    return Forcing(car.mu1 * y + car.mu2 * y_dot, F)
+
+
 def accelerations(x: Any, u1: Any, u2: Any, forcing: Any, car: Any) -> tuple[Any, Any]:
     """Return the accelerations of wheel and body.
 
@@ -53,7 +69,7 @@ def accelerations(x: Any, u1: Any, u2: Any, forcing: Any, car: Any) -> tuple[Any
     u1, u2 : float or array (n,)
         Specific actuator forces on wheel and body [m/s^2].
     forcing : Forcing
-        Road and external force at the same instant.
+        What road and external force do at the same instant.
     car : Coefficients or QuarterCar
         Coefficients of the plant.
 
@@ -64,10 +80,9 @@ def accelerations(x: Any, u1: Any, u2: Any, forcing: Any, car: Any) -> tuple[Any
     """
     spring1 = car.omega1 * car.omega1 * x.x1 - car.E1 * x.x2
     damper1 = car.b1 * x.v1 - car.E2 * x.v2
-    road1 = car.mu1 * forcing.y + car.mu2 * forcing.y_dot
     spring2 = car.omega2 * car.omega2 * x.x2 - car.E3 * x.x1
     damper2 = car.b2 * (x.v2 - x.v1)
-    dv1 = road1 + u1 - spring1 - damper1  # (3)
+    dv1 = forcing.road + u1 - spring1 - damper1  # (3)
     dv2 = forcing.F + u2 - spring2 - damper2  # (4)
     return dv1, dv2
 

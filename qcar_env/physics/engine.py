@@ -78,13 +78,18 @@ def compiled_apart(function: Any) -> Any:
 _COMPILED: set[Any] = set()
 
 for _each in (
+    state.add,
+    state.add_filter,
     state.advance,
     state.advance_filter,
     dynamics.accelerations,
     dynamics.rate,
     roads.turn,
     roads.kink_time,
+    forcing.amplitudes_of,
+    forcing.passage_of,
     forcing.forcing,
+    forcing.forcing_in_the_middle,
     forcing.turn_world,
     rk4.rk4_step,
     rk4.step_fractions,
@@ -101,6 +106,7 @@ for _each in (
     closed_loop.saturated_rate,
     closed_loop.held_rate,
     closed_loop.no_filter,
+    closed_loop.add_controlled,
     closed_loop.advance_controlled,
 ):
     compiled(_each)
@@ -362,6 +368,15 @@ put_rows: Any = intrinsic(_put_rows)
 
 
 @compiled
+def load_passage(slab: Any, stride: Any, row: Any, lane: Any) -> Any:
+    """Return quantities `row` to `row` + 7 of car `lane` as a Passage."""
+    return forcing.Passage(
+        load_world(slab, stride, row, lane),
+        load(slab, stride, row + 4, lane, forcing.MiddleAmplitudes),
+    )
+
+
+@compiled
 def load_world(slab: Any, stride: Any, row: Any, lane: Any) -> Any:
     """Return quantities `row` to `row` + 3 of car `lane` as a World."""
     return forcing.World(
@@ -374,6 +389,13 @@ def store_world(slab: Any, stride: Any, row: Any, lane: Any, world: Any) -> None
     """Write a World into quantities `row` to `row` + 3 of car `lane`."""
     store(slab, stride, row, lane, world.road)
     store(slab, stride, row + 2, lane, world.force)
+
+
+@compiled
+def store_passage(slab: Any, stride: Any, row: Any, lane: Any, passage: Any) -> None:
+    """Write a Passage into quantities `row` to `row` + 7 of car `lane`."""
+    store_world(slab, stride, row, lane, passage.by)
+    store(slab, stride, row + 4, lane, passage.middle)
 
 
 def _array_at(typingctx: Any, address: Any, like: Any) -> Any:

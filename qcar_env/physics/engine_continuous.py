@@ -18,6 +18,7 @@ from qcar_env.physics.closed_loop import (
     REST,
     ControlledState,
     Limits,
+    add_controlled,
     advance_controlled,
     held_rate,
     no_filter,
@@ -33,12 +34,20 @@ from qcar_env.physics.engine import (
     compiled,
     kernel,
     load,
+    load_passage,
     load_world,
     source_stamp,
     store,
     store_world,
 )
-from qcar_env.physics.forcing import Amplitudes, World, forcing, turn_world
+from qcar_env.physics.forcing import (
+    Amplitudes,
+    World,
+    forcing,
+    forcing_in_the_middle,
+    passage_of,
+    turn_world,
+)
 from qcar_env.physics.motion import angle, half_step_angles, piece_phasor
 from qcar_env.physics.rk4 import rk4_step, step_fractions
 from qcar_env.physics.roads import RoadPieces, kink_time
@@ -51,39 +60,47 @@ PLANT = 0  # State
 FILTER = 4  # Filter
 ROAD = 8  # World: Phasor of the road
 FORCE = 10  # and of the force
-BY = 12  # World of the angles turned in half a step
-CAR = 16  # Coefficients
-AMPLITUDES = 25  # Amplitudes
-LIMITS = 28  # Limits
-PIECES = 30  # RoadPieces
-KINK = 36  # index of the road's next kink [-]
-OMEGA = 37  # frequency of the external force [rad/s]
-WINDOW = 38  # first step that is measured [-]
-PEAKS = 39  # largest |x1|, |x2|, |u1|, |u2| measured
-SQUARES = 43  # sum of u1^2 and u2^2 measured
-COMMAND = 45  # u1, u2 at the last step that was measured or recorded
-GAINS = 47  # gains of the law, at most MOST_GAINS
+PASSAGE = 12  # Passage
+CAR = 20  # Coefficients
+AMPLITUDES = 29  # Amplitudes
+LIMITS = 32  # Limits
+PIECES = 34  # RoadPieces
+KINK = 40  # index of the road's next kink [-]
+OMEGA = 41  # frequency of the external force [rad/s]
+WINDOW = 42  # first step that is measured [-]
+PEAKS = 43  # largest |x1|, |x2|, |u1|, |u2| measured
+SQUARES = 47  # sum of u1^2 and u2^2 measured
+COMMAND = 49  # u1, u2 at the last step that was measured or recorded
+GAINS = 51  # gains of the law, at most MOST_GAINS
 MOST_GAINS = 8
 ROWS = GAINS + MOST_GAINS
 
 
 def forced_step(
-    rate: Any, advance: Any, x: Any, world: Any, by: Any, amplitudes: Any, step: Any, *args: Any
+    rate: Any,
+    advance: Any,
+    add: Any,
+    x: Any,
+    world: Any,
+    passage: Any,
+    amplitudes: Any,
+    step: Any,
+    *args: Any,
 ) -> tuple[Any, World]:
     """Advance ``x' = rate(x, forcing, *args)`` and the world by one RK4 step.
 
     Parameters
     ----------
-    rate, advance : callable
+    rate, advance, add : callable
         As in `qcar_env.physics.rk4.rk4_step`.
     x : tuple
         State at the beginning of the step.
     world : World
         Phasors of road and force then.
-    by : World
-        Sines and cosines of the angles turned in half a step.
+    passage : Passage
+        What becomes of the phasors in the step.
     amplitudes : Amplitudes
-        Amplitudes of road and force.
+        Amplitudes of the forcing.
     step : Step
         Step size and fractions [s].
     *args
@@ -94,17 +111,17 @@ def forced_step(
     tuple
         State and world at the end of the step.
     """
-    middle = turn_world(world, by)
-    end = turn_world(middle, by)
     w_start = forcing(world, amplitudes)
-    w_middle = forcing(middle, amplitudes)
+    w_middle = forcing_in_the_middle(world, passage.middle)
+    end = turn_world(world, passage.by)
     w_end = forcing(end, amplitudes)
-    return rk4_step(rate, advance, x, step, w_start, w_middle, w_end, *args), end
+    return rk4_step(rate, advance, add, x, step, w_start, w_middle, w_end, *args), end
 
 
 def forced_step_over_kinks(
     rate: Any,
     advance: Any,
+    add: Any,
     x: Any,
     world: Any,
     kink: Any,
@@ -136,9 +153,9 @@ def forced_step_over_kinks(
         stop = min(time, t_end)
         if stop > t:
             size = stop - t
-            by = half_step_angles(road.omega, Omega, size)
+            passage = passage_of(half_step_angles(road.omega, Omega, size), amplitudes)
             x, world = forced_step(
-                rate, advance, x, world, by, amplitudes, step_fractions(size), *args
+                rate, advance, add, x, world, passage, amplitudes, step_fractions(size), *args
             )
         if time < t_end:
             world = World(piece_phasor(kink, road), world.force)
@@ -256,16 +273,17 @@ def closed_loop_kernel(
                     plant = load(z, LANES, PLANT, j, State)
                     eta = load(z, LANES, FILTER, j, Filter) if remembers else REST
                     world = load_world(z, LANES, ROAD, j)
-                    by = load_world(z, LANES, BY, j)
+                    passage = load_passage(z, LANES, PASSAGE, j)
                     amplitudes = load(z, LANES, AMPLITUDES, j, Amplitudes)
                     gains = load(z, LANES, GAINS, j, kind)
                     car = load(z, LANES, CAR, j, Coefficients)
                     x, world = forced_step(
                         closing,
                         advance_controlled,
+                        add_controlled,
                         ControlledState(plant, eta),
                         world,
-                        by,
+                        passage,
                         amplitudes,
                         step,
                         command,
@@ -291,6 +309,7 @@ def closed_loop_kernel(
                         x, world, kink = forced_step_over_kinks(
                             closing,
                             advance_controlled,
+                            add_controlled,
                             ControlledState(plant, eta),
                             load_world(z, LANES, ROAD, j),
                             kink,

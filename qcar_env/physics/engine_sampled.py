@@ -34,6 +34,7 @@ from qcar_env.physics.engine import (
     kernel,
     let_go,
     load,
+    load_passage,
     load_wide,
     load_world,
     nothing,
@@ -44,12 +45,13 @@ from qcar_env.physics.engine import (
     single_kernel,
     source_stamp,
     store,
+    store_passage,
     store_world,
     take_back,
 )
 from qcar_env.physics.engine_random import uniform
 from qcar_env.physics.exact_map import ExactMap, Weights, exact_interval
-from qcar_env.physics.forcing import Amplitudes, World
+from qcar_env.physics.forcing import Amplitudes, MiddleAmplitudes, Passage, World
 from qcar_env.physics.motion import Plant, angle, four_substeps, interval, substep
 from qcar_env.physics.rk4 import Step, step_fractions
 from qcar_env.physics.roads import Phasor, RoadPieces, kink_time
@@ -60,20 +62,20 @@ PLANT = 0  # State
 WORLD = 4  # World: phasors of road and force
 CAR = 8  # Coefficients
 AMPLITUDES = 17  # Amplitudes
-BY = 20  # World: angles turned in half a step
-SCALES = 24  # the task's Scales
-LIMITS = 34  # Limits: specific forces that action 1 makes [m/s^2]
-ELAPSED = 36  # control intervals since the episode began [-]
-LAST = 37  # control intervals in the episode [-]
-DONE = 38  # 1 when the episode is over [-]
-FORCES = 39  # Limits: the same in the actuator's unit [m/s^2] or [N]
-PIECES = 41  # RoadPieces
-OMEGA = 47  # frequency of the external force [rad/s]
-START = 48  # time on the road when the episode began [s]
-PHASE = 49  # phase of the road then [rad]
-KINK = 50  # index of the road's next kink [-]
-NEXT = 51  # time of the road's next kink [s]
-ROWS = 52
+PASSAGE = 20  # Passage
+SCALES = 28  # the task's Scales
+LIMITS = 38  # Limits: specific forces that action 1 makes [m/s^2]
+ELAPSED = 40  # control intervals since the episode began [-]
+LAST = 41  # control intervals in the episode [-]
+DONE = 42  # 1 when the episode is over [-]
+FORCES = 43  # Limits: the same in the actuator's unit [m/s^2] or [N]
+PIECES = 45  # RoadPieces
+OMEGA = 51  # frequency of the external force [rad/s]
+START = 52  # time on the road when the episode began [s]
+PHASE = 53  # phase of the road then [rad]
+KINK = 54  # index of the road's next kink [-]
+NEXT = 55  # time of the road's next kink [s]
+ROWS = 56
 
 # What a single car has behind them.
 DT = ROWS  # control interval [s]
@@ -180,7 +182,7 @@ def place(z: Any, stride: Any, lane: Any, episode: Any, phase: Any, last: Any) -
     store_world(z, stride, WORLD, lane, episode.world)
     store(z, stride, CAR, lane, plant.car)
     store(z, stride, AMPLITUDES, lane, plant.amplitudes)
-    store_world(z, stride, BY, lane, plant.by)
+    store_passage(z, stride, PASSAGE, lane, plant.passage)
     store(z, stride, SCALES, lane, episode.scales)
     store(z, stride, LIMITS, lane, episode.limits)
     store(z, stride, FORCES, lane, episode.forces)
@@ -235,13 +237,19 @@ def draw_all(states: Any, i: Any) -> Any:
 def cross(z: Any, stride: Any, lane: Any, t: Any, dt: Any, substeps: Any, u1: Any, u2: Any) -> None:
     """Advance one car over an interval that may hold kinks of its road."""
     road = load_wide(z, stride, PIECES, lane, RoadPieces)
-    by = World(load_wide(z, stride, BY, lane, Phasor), load_wide(z, stride, BY + 2, lane, Phasor))
+    passage = Passage(
+        World(
+            load_wide(z, stride, PASSAGE, lane, Phasor),
+            load_wide(z, stride, PASSAGE + 2, lane, Phasor),
+        ),
+        load_wide(z, stride, PASSAGE + 4, lane, MiddleAmplitudes),
+    )
     plant = Plant(
         load_wide(z, stride, CAR, lane, Coefficients),
         load_wide(z, stride, AMPLITUDES, lane, Amplitudes),
         road,
         load_wide(z, stride, OMEGA, lane, One).value,
-        by,
+        passage,
         step_fractions(dt / substeps),
     )
     x, world, kink = interval(
@@ -625,7 +633,7 @@ def _kernels(
                         x, world = four_substeps(
                             load(z, LANES, PLANT, j, State),
                             load_world(z, LANES, WORLD, j),
-                            load_world(z, LANES, BY, j),
+                            load_passage(z, LANES, PASSAGE, j),
                             load(z, LANES, AMPLITUDES, j, Amplitudes),
                             fractions,
                             u.u1,
@@ -640,7 +648,7 @@ def _kernels(
                     x, world = substep(
                         load(z, LANES, PLANT, j, State),
                         load_world(z, LANES, WORLD, j),
-                        load_world(z, LANES, BY, j),
+                        load_passage(z, LANES, PASSAGE, j),
                         load(z, LANES, AMPLITUDES, j, Amplitudes),
                         fractions,
                         u.u1,

@@ -16,10 +16,17 @@ from scipy.linalg import expm
 from qcar_env.physics.car import QuarterCar
 from qcar_env.physics.dynamics import rate
 from qcar_env.physics.external_force import ExternalForce
-from qcar_env.physics.forcing import Amplitudes, World, forcing, turn_world
+from qcar_env.physics.forcing import (
+    World,
+    amplitudes_of,
+    forcing,
+    forcing_in_the_middle,
+    passage_of,
+    turn_world,
+)
 from qcar_env.physics.rk4 import rk4_step, step_fractions
 from qcar_env.physics.roads import Phasor, Road
-from qcar_env.physics.state import State, advance
+from qcar_env.physics.state import State, add, advance
 from qcar_env.physics.validation import positive
 
 Array = NDArray[np.float64]
@@ -172,14 +179,15 @@ def rk4_transition(
     u1, u2 = unit[4], unit[5]
     world = World(Phasor(unit[6], unit[7]), Phasor(unit[8], unit[9]))
     step = step_fractions(positive("dt", dt, "s") / substeps)
-    by = World(_angle(road.omega * step.half), _angle(force.Omega * step.half))
-    amplitudes = Amplitudes(road.h, road.h * road.omega, force.f)
+    half = World(_angle(road.omega * step.half), _angle(force.Omega * step.half))
+    amplitudes = amplitudes_of(road.h, road.omega, force.f, car)
+    passage = passage_of(half, amplitudes)
     for _ in range(substeps):
-        middle = turn_world(world, by)
-        end = turn_world(middle, by)
-        w = [forcing(each, amplitudes) for each in (world, middle, end)]
-        x = rk4_step(rate, advance, x, step, *w, u1, u2, car)
-        world = end
+        w_start = forcing(world, amplitudes)
+        w_middle = forcing_in_the_middle(world, passage.middle)
+        world = turn_world(world, passage.by)
+        w_end = forcing(world, amplitudes)
+        x = rk4_step(rate, advance, add, x, step, w_start, w_middle, w_end, u1, u2, car)
     m = np.array(x)
     return Transition(A=m[:, :4], B=m[:, 4:6], road=m[:, 6:8], force=m[:, 8:10], dt=dt)
 

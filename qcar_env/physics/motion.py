@@ -12,10 +12,19 @@ from typing import Any, NamedTuple
 from qcar_env.physics.car import QuarterCar
 from qcar_env.physics.dynamics import Coefficients, rate
 from qcar_env.physics.external_force import ExternalForce
-from qcar_env.physics.forcing import Amplitudes, World, forcing, turn_world
+from qcar_env.physics.forcing import (
+    Amplitudes,
+    Passage,
+    World,
+    amplitudes_of,
+    forcing,
+    forcing_in_the_middle,
+    passage_of,
+    turn_world,
+)
 from qcar_env.physics.rk4 import Step, rk4_step, step_fractions
 from qcar_env.physics.roads import Phasor, Road, RoadPieces, kink_time
-from qcar_env.physics.state import State, advance
+from qcar_env.physics.state import State, add, advance
 
 
 class Plant(NamedTuple):
@@ -25,19 +34,20 @@ class Plant(NamedTuple):
     amplitudes: Amplitudes
     road: RoadPieces
     Omega: Any  # frequency of the external force [rad/s]
-    by: World  # sines and cosines of the angles turned in half a step
+    passage: Passage
     step: Step
 
 
 def plant(car: QuarterCar, road: Road, force: ExternalForce, step: float) -> Plant:
     """Collect car, road and force for integration with `step` [s]."""
-    pieces = road.pieces
+    pieces, Omega = road.pieces, float(force.Omega)
+    amplitudes = amplitudes_of(float(road.h), pieces.omega, float(force.f), car.coefficients)
     return Plant(
         car=car.coefficients,
-        amplitudes=Amplitudes(float(road.h), road.h * pieces.omega, float(force.f)),
+        amplitudes=amplitudes,
         road=pieces,
-        Omega=float(force.Omega),
-        by=half_step_angles(pieces.omega, float(force.Omega), step),
+        Omega=Omega,
+        passage=passage_of(half_step_angles(pieces.omega, Omega, step), amplitudes),
         step=step_fractions(step),
     )
 
@@ -62,7 +72,7 @@ def world_at(t: float, road: Road, force: ExternalForce) -> World:
 
 
 def substep(
-    x: Any, world: Any, by: Any, amplitudes: Any, step: Any, u1: Any, u2: Any, car: Any
+    x: Any, world: Any, passage: Any, amplitudes: Any, step: Any, u1: Any, u2: Any, car: Any
 ) -> tuple[State, World]:
     """Advance plant and world by one RK4 step under held actuator forces.
 
@@ -72,10 +82,10 @@ def substep(
         State of the plant, entries float or array (n,).
     world : World
         Phasors of road and force at the beginning of the step.
-    by : World
-        Sines and cosines of the angles turned in half a step.
+    passage : Passage
+        What becomes of the phasors in the step.
     amplitudes : Amplitudes
-        Amplitudes of road and force.
+        Amplitudes of the forcing.
     step : Step
         Step size and fractions [s].
     u1, u2 : float or array (n,)
@@ -88,15 +98,15 @@ def substep(
     tuple
         State and world at the end of the step.
     """
-    middle = turn_world(world, by)
-    end = turn_world(middle, by)
+    end = turn_world(world, passage.by)
     x = rk4_step(
         rate,
         advance,
+        add,
         x,
         step,
         forcing(world, amplitudes),
-        forcing(middle, amplitudes),
+        forcing_in_the_middle(world, passage.middle),
         forcing(end, amplitudes),
         u1,
         u2,
@@ -106,17 +116,17 @@ def substep(
 
 
 def four_substeps(
-    x: Any, world: Any, by: Any, amplitudes: Any, step: Any, u1: Any, u2: Any, car: Any
+    x: Any, world: Any, passage: Any, amplitudes: Any, step: Any, u1: Any, u2: Any, car: Any
 ) -> tuple[State, World]:
     """Advance plant and world by four RK4 steps (see `substep`), written out.
 
     A compiler then keeps state and car at hand from one step to the next, and takes the forcing at
     the end of one for that at the beginning of the next.
     """
-    x, world = substep(x, world, by, amplitudes, step, u1, u2, car)
-    x, world = substep(x, world, by, amplitudes, step, u1, u2, car)
-    x, world = substep(x, world, by, amplitudes, step, u1, u2, car)
-    return substep(x, world, by, amplitudes, step, u1, u2, car)
+    x, world = substep(x, world, passage, amplitudes, step, u1, u2, car)
+    x, world = substep(x, world, passage, amplitudes, step, u1, u2, car)
+    x, world = substep(x, world, passage, amplitudes, step, u1, u2, car)
+    return substep(x, world, passage, amplitudes, step, u1, u2, car)
 
 
 def interval(
@@ -148,7 +158,9 @@ def interval(
     time = kink_time(kink, plant.road)
     if time >= end:
         for _ in range(substeps):
-            x, world = substep(x, world, plant.by, plant.amplitudes, plant.step, u1, u2, plant.car)
+            x, world = substep(
+                x, world, plant.passage, plant.amplitudes, plant.step, u1, u2, plant.car
+            )
         return x, world, kink
     while time < end:
         x, world = part(x, world, time - t, substeps, u1, u2, plant)
@@ -179,8 +191,9 @@ def part(
     if duration <= 0.0:
         return x, world
     size = duration / substeps
-    by = half_step_angles(plant.road.omega, plant.Omega, size)
+    half = half_step_angles(plant.road.omega, plant.Omega, size)
+    passage = passage_of(half, plant.amplitudes)
     step = step_fractions(size)
     for _ in range(substeps):
-        x, world = substep(x, world, by, plant.amplitudes, step, u1, u2, plant.car)
+        x, world = substep(x, world, passage, plant.amplitudes, step, u1, u2, plant.car)
     return x, world

@@ -4,7 +4,7 @@
     k2 = f(x + step/2 k1, w(t + step/2))
     k3 = f(x + step/2 k2, w(t + step/2))
     k4 = f(x + step k3, w(t + step))
-    x(t + step) = x + step/6 (k1 + 2 k2 + 2 k3 + k4)
+    x(t + step) = x + step/6 k1 + step/3 (k2 + k3) + step/6 k4
 
 for ``x' = f(x, w(t))`` with an input `w` that is known at the stage times. Source: E. Hairer,
 S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, 2nd ed., table II.1.2.
@@ -40,6 +40,7 @@ def step_fractions(step: Any) -> Step:
 def rk4_step(
     rate: Callable[..., Any],
     advance: Callable[..., Any],
+    add: Callable[..., Any],
     x: Any,
     step: Any,
     w_start: Any,
@@ -52,9 +53,11 @@ def rk4_step(
     Parameters
     ----------
     rate : callable
-        Right-hand side ``rate(x, w, *args)``; returns what `advance` takes.
+        Right-hand side ``rate(x, w, *args)``; returns what `advance` and `add` take.
     advance : callable
         ``advance(x, step, rate)`` returns ``x + step * rate`` for the caller's kind of state.
+    add : callable
+        ``add(a, b)`` returns the sum of two rates.
     x : tuple
         State at the start of the step.
     step : Step
@@ -74,6 +77,5 @@ def rk4_step(
     k3 = rate(advance(x, step.half, k2), w_middle, *args)
     k4 = rate(advance(x, step.full, k3), w_end, *args)
     x = advance(x, step.sixth, k1)
-    x = advance(x, step.third, k2)
-    x = advance(x, step.third, k3)
+    x = advance(x, step.third, add(k2, k3))
     return advance(x, step.sixth, k4)

@@ -57,6 +57,11 @@ def advance(x: Any, step: Any, rate: Any) -> State:
     )
 
 
+def add(a: Any, b: Any) -> State:
+    """Return the sum of two states, or of two rates of the state."""
+    return State(a.x1 + b.x1, a.x2 + b.x2, a.v1 + b.v1, a.v2 + b.v2)
+
+
 def advance_filter(eta: Any, step: Any, rate: Any) -> Filter:
     """Move a filter state along a rate: ``eta + step * rate`` (see `advance`)."""
     return Filter(
@@ -64,6 +69,13 @@ def advance_filter(eta: Any, step: Any, rate: Any) -> Filter:
         eta.eta2 + step * rate.eta2,
         eta.eta1_dot + step * rate.eta1_dot,
         eta.eta2_dot + step * rate.eta2_dot,
+    )
+
+
+def add_filter(a: Any, b: Any) -> Filter:
+    """Return the sum of two filter states, or of two rates of theirs."""
+    return Filter(
+        a.eta1 + b.eta1, a.eta2 + b.eta2, a.eta1_dot + b.eta1_dot, a.eta2_dot + b.eta2_dot
     )
 
 

@@ -55,7 +55,14 @@ def test_the_map_is_the_torch_form_of_the_equations():
     world = World(Phasor(0.6 * one, 0.8 * one), Phasor(0.6 * one, 0.8 * one))
     for _ in range(scenario.substeps):
         x, world = motion.substep(
-            x, world, plant.by, plant.amplitudes, plant.step, 100.0 * one, -20.0 * one, plant.car
+            x,
+            world,
+            plant.passage,
+            plant.amplitudes,
+            plant.step,
+            100.0 * one,
+            -20.0 * one,
+            plant.car,
         )
     z = np.array([[0.1, -0.2, 3.0, 4.0, 0.6, 0.8, 0.6, 0.8]])
     action = np.array([[100.0, -20.0]]) / np.array(scenario.actuator.limit)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.dynamics import Coefficients, Forcing, accelerations, rate
+from qcar_env.physics.dynamics import Coefficients, Forcing, accelerations, forcing_by, rate
 from qcar_env.physics.state import State
 
 
@@ -33,7 +33,7 @@ parts = st.builds(
 )
 state = st.from_type(State)
 number = st.floats(-100.0, 100.0)
-ROAD_AT_REST = Forcing(0.0, 0.0, 0.0)
+ROAD_AT_REST = Forcing(0.0, 0.0)
 
 
 def energy(x: State, p: Parts) -> float:
@@ -59,7 +59,7 @@ def power(x: State, xdot: State, p: Parts) -> tuple[float, float]:
 @given(p=parts, x=state, y=st.floats(-0.2, 0.2), y_dot=number, reciprocal=st.booleans())
 def test_the_coefficients_reproduce_the_printed_physical_equations(p, x, y, y_dot, reciprocal):
     car = QuarterCar.from_physical(*p, reciprocal=reciprocal)
-    a1, a2 = accelerations(x, 0.0, 0.0, Forcing(y, y_dot, 0.0), car)
+    a1, a2 = accelerations(x, 0.0, 0.0, forcing_by(y, y_dot, 0.0, car), car)
     wheel = [p.m1 * a1, (p.c1 + p.c2) * x.v1, -p.c2 * x.v2, (p.k1 + p.k2) * x.x1, -p.k2 * x.x2]
     tyre = [-p.k1 * y, -p.c1 * y_dot]
     coupling = p.k2 if reciprocal else p.k1  # the paper prints k1; Newton's law needs k2
@@ -72,7 +72,7 @@ def test_the_coefficients_reproduce_the_printed_physical_equations(p, x, y, y_do
 @given(p=parts, x=state, y=st.floats(-0.2, 0.2), y_dot=number, F=number, u1=number, u2=number)
 def test_the_suspension_pushes_both_masses_with_opposite_forces(p, x, y, y_dot, F, u1, u2):
     car = QuarterCar.from_physical(*p)
-    a1, a2 = accelerations(x, u1, u2, Forcing(y, y_dot, F), car)
+    a1, a2 = accelerations(x, u1, u2, forcing_by(y, y_dot, F, car), car)
     outside = [
         p.k1 * y, -p.k1 * x.x1, p.c1 * y_dot, -p.c1 * x.v1, p.m1 * u1, p.m2 * u2, p.m2 * F
     ]  # fmt: skip
@@ -117,14 +117,15 @@ def test_upward_forces_push_their_own_mass_up(car: QuarterCar):
     rest = State(0.0, 0.0, 0.0, 0.0)
     assert accelerations(rest, 1.0, 0.0, ROAD_AT_REST, car) == (1.0, 0.0)
     assert accelerations(rest, 0.0, 1.0, ROAD_AT_REST, car) == (0.0, 1.0)
-    assert accelerations(rest, 0.0, 0.0, Forcing(0.0, 0.0, 1.0), car) == (0.0, 1.0)
-    assert accelerations(rest, 0.0, 0.0, Forcing(1.0, 0.0, 0.0), car) == (car.mu1, 0.0)
-    assert accelerations(rest, 0.0, 0.0, Forcing(0.0, 1.0, 0.0), car) == (car.mu2, 0.0)
+    assert accelerations(rest, 0.0, 0.0, forcing_by(0.0, 0.0, 1.0, car), car) == (0.0, 1.0)
+    assert accelerations(rest, 0.0, 0.0, forcing_by(1.0, 0.0, 0.0, car), car) == (car.mu1, 0.0)
+    assert accelerations(rest, 0.0, 0.0, forcing_by(0.0, 1.0, 0.0, car), car) == (car.mu2, 0.0)
 
 
 @given(...)
 def test_named_coefficients_serve_as_well_as_the_car(x: State, car: QuarterCar):
-    forcing = Forcing(0.1, -0.3, 5.0)
+    forcing = forcing_by(0.1, -0.3, 5.0, car)
+    assert forcing == forcing_by(0.1, -0.3, 5.0, car.coefficients)
     assert rate(x, forcing, 1.0, 2.0, car) == rate(x, forcing, 1.0, 2.0, car.coefficients)
 
 
@@ -132,8 +133,9 @@ def test_floats_arrays_and_tensors_give_the_same_bits(same_bits):
     rng = np.random.default_rng(1)
     n = 257  # no multiple of a vector register, so that numpy's remainder loop runs as well
     x = State(*rng.normal(size=(4, n)))
-    forcing = Forcing(*rng.normal(size=(3, n)))
+    forcing = Forcing(*rng.normal(size=(2, n)))
     car = Coefficients(*rng.uniform(0.0, 60.0, size=(9, n)))
     u1, u2 = rng.normal(size=(2, n))
     same_bits(accelerations, x, u1, u2, forcing, car)
     same_bits(rate, x, forcing, u1, u2, car)
+    same_bits(forcing_by, *rng.normal(size=(3, n)), car)

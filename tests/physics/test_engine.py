@@ -18,6 +18,7 @@ from qcar_env.physics.closed_loop import (
     REST,
     ControlledState,
     Limits,
+    add_controlled,
     advance_controlled,
     controlled_rate,
     no_filter,
@@ -26,7 +27,7 @@ from qcar_env.physics.closed_loop import (
 )
 from qcar_env.physics.dynamics import Coefficients
 from qcar_env.physics.external_force import ExternalForce
-from qcar_env.physics.forcing import Amplitudes, World
+from qcar_env.physics.forcing import Amplitudes, MiddleAmplitudes, Passage, World
 from qcar_env.physics.motion import plant, world_at
 from qcar_env.physics.rk4 import step_fractions
 from qcar_env.physics.roads import Phasor
@@ -47,7 +48,8 @@ def columns(road, force, law, start, limits=(1e300, 1e300), step=STEP):
     """Return the slab rows of one car, shape (rows, 1)."""
     one, world = plant(PAPER_CAR, road, force, step), world_at(0.0, road, force)
     rows = np.zeros((engine_continuous.ROWS, 1))
-    column = [*start, *REST, *world.road, *world.force, *one.by.road, *one.by.force]
+    column = [*start, *REST, *world.road, *world.force, *one.passage.by.road]
+    column += [*one.passage.by.force, *one.passage.middle]
     column += [*one.car, *one.amplitudes, *limits, *one.road, road.next_kink(0.0), one.Omega]
     rows[: engine_continuous.WINDOW, 0] = column
     rows[engine_continuous.WINDOW] = engine.NEVER
@@ -68,6 +70,7 @@ def in_plain_python(road, force, law, start, steps, limits=None):
             x, world, kink = engine_continuous.forced_step_over_kinks(
                 rate,
                 advance_controlled,
+                add_controlled,
                 x,
                 world,
                 kink,
@@ -80,7 +83,15 @@ def in_plain_python(road, force, law, start, steps, limits=None):
             )
         else:
             x, world = engine_continuous.forced_step(
-                rate, advance_controlled, x, world, one.by, one.amplitudes, one.step, *args
+                rate,
+                advance_controlled,
+                add_controlled,
+                x,
+                world,
+                one.passage,
+                one.amplitudes,
+                one.step,
+                *args,
             )
     states.append((*x.plant, *x.filter))
     return np.array(states)
@@ -123,20 +134,21 @@ def test_numpy_arrays_equal_floats_bit_for_bit():
     n, law = 7, NDF()
     x = rng.normal(size=(8, n))
     car = np.abs(rng.normal(size=(9, n)))
-    world, by, amplitudes = (
+    world, passage, amplitudes = (
         rng.normal(size=(4, n)),
-        rng.normal(size=(4, n)),
+        rng.normal(size=(8, n)),
         rng.normal(size=(3, n)),
     )
 
     def advance(columns):
-        state, c, w, b, a = columns
+        state, c, w, p, a = columns
         return engine_continuous.forced_step(
             saturated_rate,
             advance_controlled,
+            add_controlled,
             ControlledState(State(*state[:4]), Filter(*state[4:])),
             World(Phasor(*w[:2]), Phasor(*w[2:])),
-            World(Phasor(*b[:2]), Phasor(*b[2:])),
+            Passage(World(Phasor(*p[:2]), Phasor(*p[2:4])), MiddleAmplitudes(*p[4:])),
             Amplitudes(*a),
             step_fractions(STEP),
             law.command,
@@ -146,10 +158,10 @@ def test_numpy_arrays_equal_floats_bit_for_bit():
             Coefficients(*c),
         )
 
-    together, _ = advance((x, car, world, by, amplitudes))
+    together, _ = advance((x, car, world, passage, amplitudes))
     for i in range(n):
         alone, _ = advance(
-            [[float(v) for v in part[:, i]] for part in (x, car, world, by, amplitudes)]
+            [[float(v) for v in part[:, i]] for part in (x, car, world, passage, amplitudes)]
         )
         assert tuple(v[i] for v in (*together.plant, *together.filter)) == (
             *alone.plant,
@@ -228,11 +240,11 @@ def packed_products(kernel):
 
 @pytest.mark.slow
 def test_the_loops_over_cars_are_compiled_to_vector_instructions():
-    """A scalar loop has no packed products; an RK4 step alone multiplies 80 times."""
+    """A scalar loop has no packed products; an RK4 step alone multiplies 72 times."""
     law = LNVC()
     continuous = engine_continuous.closed_loop_kernel(law.command, None, type(law.gains), False)
     compiled_run(columns(ROADS["harmonic"], PAPER_FORCE, law, (0, 0, 0, 0)), law, 1)
-    assert packed_products(continuous) > 80
+    assert packed_products(continuous) > 72
     sampled = engine_sampled.kernels(task, task.FULL_SIZE, False, 2, False).step
     QuarterCarHumpVectorEnv(1)
     assert packed_products(sampled) > 100  # and forces, observations, costs

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 from qcar_env.physics import linear, motion, roads
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.dynamics import Forcing, rate
+from qcar_env.physics.dynamics import forcing_by, rate
 from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.roads import Road
 from qcar_env.physics.state import State
@@ -29,8 +29,8 @@ harmonic = st.builds(roads.harmonic, h=st.floats(-0.2, 0.2), omega=st.floats(1.0
 
 @given(...)
 def test_the_matrices_are_those_of_the_equations(car: QuarterCar, x: State):
-    u, w = np.array([3.0, -5.0]), Forcing(0.1, -2.0, 7.0)
-    expected = rate(x, w, *u, car)
+    u, w = np.array([3.0, -5.0]), (0.1, -2.0, 7.0)
+    expected = rate(x, forcing_by(*w, car), *u, car)
     found = linear.system_matrix(car) @ np.array(x)
     found = found + linear.input_matrix() @ u + linear.forcing_matrix(car) @ np.array(w)
     # a dozen terms in another order, each rounded to 1.1e-16 of the largest
@@ -206,7 +206,7 @@ def test_the_steady_state_obeys_the_equations_of_motion(car, road, force, t):
     steady = linear.steady_state(car, road, force)
     omegas = ((steady.road, steady.omega), (steady.force, steady.Omega))
     xdot = sum(np.real(1j * omega * X * np.exp(1j * omega * t)) for X, omega in omegas)
-    w = Forcing(float(road.height(t)), float(road.rate(t)), float(force.value(t)))
+    w = forcing_by(float(road.height(t)), float(road.rate(t)), float(force.value(t)), car)
     expected = rate(State(*steady.state(t)), w, 0.0, 0.0, car)
     # the solve loses what the condition of i omega - A takes, which is largest near resonance
     scale = np.max(np.abs(linear.system_matrix(car))) * sum(np.max(np.abs(X)) for X, _ in omegas)

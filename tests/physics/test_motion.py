@@ -9,9 +9,17 @@ from hypothesis import assume, given, settings, strategies as st
 
 from qcar_env.physics import linear, motion, roads
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.dynamics import accelerations
+from qcar_env.physics.dynamics import accelerations, forcing_by
 from qcar_env.physics.external_force import ExternalForce
-from qcar_env.physics.forcing import Amplitudes, World, forcing, turn_world
+from qcar_env.physics.forcing import (
+    Amplitudes,
+    World,
+    amplitudes_of,
+    forcing,
+    forcing_in_the_middle,
+    passage_of,
+    turn_world,
+)
 from qcar_env.physics.rk4 import step_fractions
 from qcar_env.physics.roads import Phasor, Road
 from qcar_env.physics.state import State
@@ -170,6 +178,28 @@ def test_the_world_turns_with_the_road(road: Road, force: ExternalForce):
     assert np.array(world.force) == pytest.approx(np.array(later.force), abs=1e-12)
 
 
+angles = st.floats(-7.0, 7.0)
+
+
+@given(t=angles, T=angles, theta=angles, Theta=angles, h=st.floats(-1, 1), f=st.floats(-9, 9))
+def test_a_passage_is_two_halves_and_looks_half_a_step_ahead(t, T, theta, Theta, h, f):
+    car, omega = MATHWORKS.coefficients, 30.0
+    world = World(motion.angle(t), motion.angle(T))
+    half = World(motion.angle(theta), motion.angle(Theta))
+    amplitudes = amplitudes_of(h, omega, f, car)
+    passage = passage_of(half, amplitudes)
+    later = World(motion.angle(t + theta), motion.angle(T + Theta))
+    expected = forcing_by(h * later.road.s, h * omega * later.road.c, f * later.force.c, car)
+    scale = abs(amplitudes.road_s) + abs(amplitudes.road_c) + abs(f)
+    # angles of 14 are rounded to 1.8e-15
+    assert forcing_in_the_middle(world, passage.middle) == pytest.approx(
+        expected, abs=4e-15 * scale
+    )
+    end = turn_world(world, passage.by)
+    for found, twice in zip(end, (t + 2.0 * theta, T + 2.0 * Theta), strict=True):
+        assert found == pytest.approx(motion.angle(twice), abs=8e-15)
+
+
 # Printed peaks ----------------------------------------------------------------------------------
 
 
@@ -233,7 +263,7 @@ def test_energy_never_grows_in_an_undriven_reciprocal_car(car, x):
     first = now
     for _ in range(100):
         x, world = motion.substep(
-            x, world, plant.by, plant.amplitudes, plant.step, 0.0, 0.0, plant.car
+            x, world, plant.passage, plant.amplitudes, plant.step, 0.0, 0.0, plant.car
         )
         before, now = now, energy(x, car)
         # RK4 itself may add its local error, z^5 / 120 = 8e-6 at z = 0.25, where no damper works
@@ -283,12 +313,15 @@ def test_floats_arrays_and_tensors_give_the_same_bits(same_bits):
     x = State(*rng.normal(size=(4, n)))
     angles = rng.uniform(0.0, 6.0, size=(4, n))
     phasors = [Phasor(np.sin(each), np.cos(each)) for each in angles]
-    world, by = World(*phasors[:2]), World(*phasors[2:])
+    world, half = World(*phasors[:2]), World(*phasors[2:])
     amplitudes = Amplitudes(*rng.normal(size=(3, n)))
+    passage = passage_of(half, amplitudes)
     step = step_fractions(rng.uniform(1e-3, 5e-3, size=n))
     car = MATHWORKS.coefficients._replace(b1=rng.uniform(1.0, 9.0, size=n))
     car = type(car)(*(np.broadcast_to(each, n).copy() for each in car))
     u1, u2 = rng.normal(size=(2, n))
     same_bits(forcing, world, amplitudes)
-    same_bits(turn_world, world, by)
-    same_bits(motion.substep, x, world, by, amplitudes, step, u1, u2, car)
+    same_bits(forcing_in_the_middle, world, passage.middle)
+    same_bits(turn_world, world, half)
+    same_bits(passage_of, half, amplitudes)
+    same_bits(motion.substep, x, world, passage, amplitudes, step, u1, u2, car)

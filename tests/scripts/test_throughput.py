@@ -5,7 +5,7 @@ import operator
 import pytest
 
 from qcar_env.physics.dynamics import Coefficients, rate
-from qcar_env.physics.forcing import Amplitudes, World
+from qcar_env.physics.forcing import Amplitudes, MiddleAmplitudes, Passage, World
 from qcar_env.physics.motion import substep
 from qcar_env.physics.rk4 import Step
 from qcar_env.physics.roads import Phasor
@@ -42,10 +42,12 @@ def count_operations():
     def new(kind):
         return kind(*(Counted(f"{kind.__name__}.{name}") for name in kind._fields))
 
-    world, by = (World(new(Phasor), Phasor(Counted(i), Counted(i + "'"))) for i in "ab")
-    by = World(Phasor(Counted("c"), Counted("d")), by.force)
+    world, by = (
+        World(*(Phasor(Counted(f"{i}{j} s"), Counted(f"{i}{j} c")) for j in "12")) for i in "ab"
+    )
+    passage = Passage(by, new(MiddleAmplitudes))
     u = (Counted("u1"), Counted("u2"))
-    substep(new(State), world, by, new(Amplitudes), new(Step), *u, new(Coefficients))
+    substep(new(State), world, passage, new(Amplitudes), new(Step), *u, new(Coefficients))
     squares = 2  # omega1^2 and omega2^2 stay the same in all steps
     return len(Counted.done) - squares
 
