@@ -101,7 +101,7 @@ SCRATCH_SIZE = (SAVED + CAR) * LANES
     SCRATCHES,  # (workers, SCRATCH_SIZE)
     FINALS,  # (n, size) of float32: last observations of the cars that have begun again
     RESTARTED,  # (n,) of bool: which cars these are, until a step has returned it
-    PHASES,  # (n,): of their roads
+    PHASES,  # (n,): of their roads, 0 of the others
     COMMON,  # (SHARED,): what all cars have in common where the exact map advances them
     SETTINGS,  # (6,): dt, substeps and the Step
     CARS,  # the number n
@@ -799,15 +799,18 @@ def _kernels(
         makers, n = (held[MAKER], held[ARRAY_TYPE]), held[CARS]
         marked, phase = fresh(makers, np.bool_(0), (n,)), fresh(makers, 0.0, (n,))
         others = fresh(makers, np.bool_(0), (n,))
-        restarted = carray(pointer_at(held[RESTARTED], np.bool_(0)), (n,))
+        restarted = carray(pointer_at(held[RESTARTED], np.uint8(0)), (n,))
         phases = carray(pointer_at(held[PHASES], 0.0), (n,))
         to_marked, to_others, to_phase = address_of(marked), address_of(others), address_of(phase)
+        # One kind of numbers a loop, or it would not become vector instructions.
         for i in range(n):
-            again = restarted[i]
-            put(to_marked, np.bool_(0), i, again, 1)
-            put(to_others, np.bool_(0), i, not again, 2)
-            put(to_phase, 0.0, i, phases[i] if again else 0.0, 3)
-        restarted[:] = False
+            again = load(restarted, 1, i, 0, One).value
+            put(to_marked, np.uint8(0), i, again, 1)
+            put(to_others, np.uint8(0), i, again ^ np.uint8(1), 2)
+        for i in range(n):
+            put(to_phase, 0.0, i, load(phases, 1, i, 0, One).value, 3)
+        restarted[:] = 0
+        phases[:] = 0.0
         return marked, others, phase
 
     @single_kernel
