@@ -219,8 +219,12 @@ def ratios(
             (f"batch {n}", f"EnvPool Pendulum {n}", 50.0 if n == 1024 else None),
             (f"batch {n}", f"gymnax Pendulum {n}", None),
         ]
-    wanted.append(("rollout, held", "multiply-add peak", 0.85))
-    wanted.append((f"rollout, held, {engine.cores()} threads", "rollout, held", 1.9))
+    threaded = f"rollout, held, fused, {engine.cores()} threads"
+    wanted += [
+        ("rollout, held", "multiply-add peak", None),
+        ("rollout, held, fused", "multiply-add peak", 0.85),
+        (threaded, "rollout, held, fused", 1.9),
+    ]
     rows: list[dict[str, Any]] = []
     for ours, theirs, limit in wanted:
         if ours in timings and theirs in timings:
@@ -366,7 +370,14 @@ def _gymnax(n: int, torque: Any) -> Candidate:
 
 
 def _rollout(
-    name: str, law: Any, *, held: bool, threads: int = 1, intervals: int = 1000, cars: int = 1024
+    name: str,
+    law: Any,
+    *,
+    held: bool,
+    fused: bool = False,
+    threads: int = 1,
+    intervals: int = 1000,
+    cars: int = 1024,
 ) -> Candidate:
     """Close the loops of many cars in one compiled call."""
     scenario = qcar_env.scenario("paper")
@@ -383,7 +394,7 @@ def _rollout(
     rows[engine_continuous.GAINS : engine_continuous.GAINS + len(gains)] = gains
     slabs, record = engine.slabs(rows), np.empty((0, 6, cars))
     kernel = engine_continuous.closed_loop_kernel(
-        law.command, law.filter_rate, type(law.gains), False, held
+        law.command, law.filter_rate, type(law.gains), False, held, fused
     )
     fractions = step_fractions(step)
     edges = [slabs.shape[0] * i // threads for i in range(threads + 1)]
@@ -421,12 +432,14 @@ def _rollouts() -> list[Candidate]:
     cores = engine.cores()
     found = [
         _rollout("rollout, held", CNVC(), held=True),
+        _rollout("rollout, held, fused", CNVC(), held=True, fused=True),
         _rollout("rollout, in every stage", CNVC(), held=False),
+        _rollout("rollout, in every stage, fused", CNVC(), held=False, fused=True),
         _rollout("rollout, no control", Passive(), held=False),
     ]
     if cores > 1:
-        name = f"rollout, held, {cores} threads"
-        found.append(_rollout(name, CNVC(), held=True, threads=cores))
+        name = f"rollout, held, fused, {cores} threads"
+        found.append(_rollout(name, CNVC(), held=True, fused=True, threads=cores))
     # what a control interval would take if the processor did nothing but multiply and add
     repeats = 200
     flops = 2 * engine.PEAK_LENGTH * engine.PEAK_WIDTH * repeats

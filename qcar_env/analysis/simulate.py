@@ -88,6 +88,7 @@ def simulate(
     start: Start | Sequence[Start] | None = None,
     force_limit: tuple[float, float] | Sequence[tuple[float, float]] | None = None,
     hold: float | None = None,
+    fused: bool = False,
     record_every: int = 1,
     on_divergence: OnDivergence = "raise",
 ) -> Simulation:
@@ -111,6 +112,10 @@ def simulate(
         Sample the law this often [s], a whole number of steps, and hold its forces in between, as
         a digital controller does; its filter goes on in between. If left out the law acts at
         every instant.
+    fused : bool, optional
+        Let the processor multiply and add in one operation, where it can: faster by an eighth to
+        a third, depending on the law, and different by rounding from the same loops in plain
+        Python, which are met to the last bit otherwise.
     record_every : int, optional
         Steps from one instant of the time histories to the next.
     on_divergence : {"raise", "keep"}, optional
@@ -153,7 +158,7 @@ def simulate(
         )
     record = np.empty((count, 6, cases.n))
     slabs = engine.slabs(cases.rows(step, np.full(cases.n, float(engine.NEVER))))
-    cases.run(slabs, step, steps, every, record)
+    cases.run(slabs, step, steps, every, record, fused)
     diverged = _has_diverged(record[-1, :4])
     if on_divergence == "raise":
         _refuse_divergence(diverged, duration)
@@ -178,6 +183,7 @@ def steady_amplitudes(
     start: Start | Sequence[Start] | None = None,
     force_limit: tuple[float, float] | Sequence[tuple[float, float]] | None = None,
     hold: float | None = None,
+    fused: bool = False,
     on_divergence: OnDivergence = "raise",
 ) -> Steady:
     """Integrate closed loops until they are steady and measure their last whole periods.
@@ -190,7 +196,7 @@ def steady_amplitudes(
     periods : int, optional
         Number of periods that are measured at the end: of the harmonic road or of the external
         force, whichever is slower.
-    car, road, force, law, step, start, force_limit, hold, on_divergence
+    car, road, force, law, step, start, force_limit, hold, fused, on_divergence
         As in `simulate`. A diverged case that is kept has infinite amplitudes and forces.
 
     Returns
@@ -221,7 +227,7 @@ def steady_amplitudes(
         )
     cases.check_step(step)
     slabs = engine.slabs(cases.rows(step, steps - measured + 1.0))
-    cases.run(slabs, step, steps, 0, np.empty((0, 6, cases.n)))
+    cases.run(slabs, step, steps, 0, np.empty((0, 6, cases.n)), fused)
     final = engine.from_slabs(slabs, cases.n)
     peaks = final[engine_continuous.PEAKS : engine_continuous.PEAKS + 4]
     squares = final[engine_continuous.SQUARES : engine_continuous.SQUARES + 2]
@@ -336,11 +342,18 @@ class _Cases:
         rows[engine_continuous.WINDOW] = window
         return rows
 
-    def run(self, slabs: Array, step: float, steps: int, every: int, record: Array) -> None:
+    def run(
+        self, slabs: Array, step: float, steps: int, every: int, record: Array, fused: bool
+    ) -> None:
         """Integrate all cases, on several threads if there is enough to do."""
         law = self.laws[0]
         kernel = engine_continuous.closed_loop_kernel(
-            law.command, law.filter_rate, type(law.gains), self.saturated, self.hold is not None
+            law.command,
+            law.filter_rate,
+            type(law.gains),
+            self.saturated,
+            self.hold is not None,
+            bool(fused),
         )
         hold = 1 if self.hold is None else max(1, round(self.hold / step))
         if self.hold is not None and abs(hold * step / self.hold - 1.0) > 1e-9:

@@ -32,6 +32,7 @@ from qcar_env.physics.engine import (
     NEVER,
     align_stack,
     compiled,
+    fused_kernel,
     kernel,
     load,
     load_passage,
@@ -170,7 +171,12 @@ compiled(forced_step_over_kinks)
 
 @cache
 def closed_loop_kernel(
-    command: Any, filter_rate: Any, kind: type, saturated: bool, held: bool = False
+    command: Any,
+    filter_rate: Any,
+    kind: type,
+    saturated: bool,
+    held: bool = False,
+    fused: bool = False,
 ) -> Callable[..., None]:
     """Return the compiled closed loop of one law.
 
@@ -184,6 +190,8 @@ def closed_loop_kernel(
         Whether the actuators have limits.
     held : bool
         Whether the forces are held between samples of the law, instead of following it.
+    fused : bool
+        Whether products and sums may be fused (see `qcar_env.physics.engine.fused_kernel`).
 
     Returns
     -------
@@ -194,7 +202,7 @@ def closed_loop_kernel(
         positive it writes ``(x1, x2, v1, v2, u1, u2)`` at each `every`-th step into `record`
         (records, 6, n).
     """
-    sources = source_stamp(command, *([] if filter_rate is None else [filter_rate]))
+    sources = source_stamp(command, *([] if filter_rate is None else [filter_rate])), fused
     remembers = filter_rate is not None
     compiled(command)
     filtering = compiled(filter_rate) if remembers else no_filter
@@ -202,7 +210,7 @@ def closed_loop_kernel(
     closing = held_rate if held else follows
     BOUND = COMMAND if held else LIMITS
 
-    @kernel
+    @(fused_kernel if fused else kernel)
     def run(
         slabs: Any,
         begin: Any,

@@ -97,13 +97,13 @@ def in_plain_python(road, force, law, start, steps, limits=None):
     return np.array(states)
 
 
-def compiled_run(rows, law, steps, saturated=False):
+def compiled_run(rows, law, steps, saturated=False, fused=False):
     """Return the records (steps + 1, 6, n) of the compiled engine."""
     n = rows.shape[1]
     record = np.empty((steps + 1, 6, n))
     slabs = engine.slabs(rows)
     kernel = engine_continuous.closed_loop_kernel(
-        law.command, law.filter_rate, type(law.gains), saturated
+        law.command, law.filter_rate, type(law.gains), saturated, fused=fused
     )
     kernel(slabs, 0, slabs.shape[0], n, step_fractions(STEP), steps, 1, 1, record)
     return record
@@ -230,24 +230,57 @@ def test_saturation_keeps_the_bits_inside_and_the_limit_outside(u):
     assert np.isnan(saturate(np.nan, 2.0))
 
 
-def packed_products(kernel):
-    """Count the packed multiplications in the machine code of a kernel, compiled afresh."""
-    fresh = numba.njit(nogil=True, boundscheck=False, error_model="numpy")(kernel.py_func)
+PACKED_PRODUCT = r"\bv?mulpd\b|\bfmul\s+v\d+\.2d"
+PACKED_MULTIPLY_ADD = r"\bvfn?m(add|sub)\d+pd\b|\bfml[as]\s+v\d+\.2d"
+
+
+def count(pattern, kernel, **options):
+    """Count instructions in the machine code of a kernel, compiled afresh."""
+    fresh = numba.njit(nogil=True, boundscheck=False, error_model="numpy", **options)(
+        kernel.py_func
+    )
     (signature,) = kernel.signatures
     fresh.compile(signature)
-    return len(re.findall(r"\bv?mulpd\b|\bfmul\s+v\d+\.2d", fresh.inspect_asm(signature)))
+    return len(re.findall(pattern, fresh.inspect_asm(signature)))
 
 
 @pytest.mark.slow
 def test_the_loops_over_cars_are_compiled_to_vector_instructions():
     """A scalar loop has no packed products; an RK4 step alone multiplies 72 times."""
     law = LNVC()
-    continuous = engine_continuous.closed_loop_kernel(law.command, None, type(law.gains), False)
+    continuous = engine_continuous.closed_loop_kernel(
+        law.command, None, type(law.gains), False, fused=False
+    )
     compiled_run(columns(ROADS["harmonic"], PAPER_FORCE, law, (0, 0, 0, 0)), law, 1)
-    assert packed_products(continuous) > 72
+    assert count(PACKED_PRODUCT, continuous) > 72
+    assert count(PACKED_MULTIPLY_ADD, continuous) == 0
     sampled = engine_sampled.kernels(task, task.FULL_SIZE, False, 2, False).step
     QuarterCarHumpVectorEnv(1)
-    assert packed_products(sampled) > 100  # and forces, observations, costs
+    assert count(PACKED_PRODUCT, sampled) > 100  # and forces, observations, costs
+    assert count(PACKED_MULTIPLY_ADD, sampled) == 0
+
+
+@pytest.mark.slow
+def test_fused_loops_are_compiled_to_packed_multiply_adds():
+    law = LNVC()
+    fused = engine_continuous.closed_loop_kernel(
+        law.command, None, type(law.gains), False, fused=True
+    )
+    compiled_run(columns(ROADS["harmonic"], PAPER_FORCE, law, (0, 0, 0, 0)), law, 1, fused=True)
+    # a sum of an RK4 step takes part in one, where it is not the sum of two rates
+    assert count(PACKED_MULTIPLY_ADD, fused, fastmath={"contract"}) > 40
+
+
+@pytest.mark.parametrize("road", ROADS.values(), ids=ROADS)
+@pytest.mark.parametrize("law", [CNVC(), NDF()], ids=lambda law: law.name)
+def test_fused_loops_equal_the_others_to_rounding(law, road):
+    """Both are compiled in one process and read one cache: neither must get the other's code."""
+    rows = columns(road, PAPER_FORCE, law, (0.01, -0.02, 0.3, 0.4))
+    exact, fused = (compiled_run(rows, law, 1000, fused=each) for each in (False, True))
+    assert not np.array_equal(exact, fused)
+    # roundings of 1000 steps, none of which grows: the loops are stable
+    scale = np.abs(exact).max(axis=0)
+    assert np.all(np.abs(fused - exact).max(axis=0) <= 1e-13 * scale)
 
 
 @pytest.mark.slow
