@@ -98,6 +98,8 @@ def substep(
     tuple
         State and world at the end of the step.
     """
+    w_start = forcing(world, amplitudes)
+    w_middle = forcing_in_the_middle(world, passage.middle)
     end = turn_world(world, passage.by)
     x = rk4_step(
         rate,
@@ -105,8 +107,8 @@ def substep(
         add,
         x,
         step,
-        forcing(world, amplitudes),
-        forcing_in_the_middle(world, passage.middle),
+        w_start,
+        w_middle,
         forcing(end, amplitudes),
         u1,
         u2,
