@@ -35,6 +35,7 @@ from gymnasium.envs.classic_control.cartpole import CartPoleVectorEnv
 
 import qcar_env
 from qcar_env.control import CNVC, Passive
+from qcar_env.envs.cars import CARS_A_THREAD
 from qcar_env.envs.vector import QuarterCarHumpVectorEnv
 from qcar_env.physics import engine, engine_continuous
 from qcar_env.physics.motion import plant, world_at
@@ -332,7 +333,7 @@ def _batch(n: int, threads: int) -> list[Candidate]:
         ),
         of(f"CartPoleVectorEnv {n}", CartPoleVectorEnv(num_envs=n), rng.integers(0, 2, n)),
     ]
-    if threads > 1 and n > engine.LANES:
+    if threads > 1 and n >= 2 * CARS_A_THREAD:
         cars = QuarterCarHumpVectorEnv(n, threads=threads)
         found.append(of(f"batch {n}, {threads} threads", cars, push))
     if n == 64:

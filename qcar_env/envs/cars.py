@@ -23,6 +23,7 @@ FLOAT = np.dtype(np.float64)
 SHOWN = np.dtype(np.float32)
 BOOL = np.dtype(np.bool_)
 
+CARS_A_THREAD = 8192  # at least: handing fewer over to another thread costs what it saves
 DISABLED = engine_sampled.DISABLED
 NEXT_STEP = engine_sampled.NEXT_STEP
 SAME_STEP = engine_sampled.SAME_STEP
@@ -73,7 +74,7 @@ class Cars:
     exact : bool
         Whether the exact map of an interval advances the cars, instead of Runge-Kutta steps.
     threads : int
-        Number of threads that share the blocks.
+        Threads that share the blocks at most, see `CARS_A_THREAD`.
 
     Raises
     ------
@@ -114,7 +115,7 @@ class Cars:
         self._sizes = (scenario.dt, scenario.substeps)
         real = np.float32 if single else np.float64
         self._blocks = -(-self.n // engine.LANES)
-        self._workers = min(whole("threads", threads), self._blocks)
+        self._workers = max(1, min(whole("threads", threads), self.n // CARS_A_THREAD))
         width = engine_sampled.SCRATCH_SIZE
         self._slabs = engine.aligned((self._blocks, engine_sampled.ROWS * engine.LANES), real)
         self._scratch = engine.aligned((self._workers, width), real)

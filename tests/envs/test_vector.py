@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from qcar_env import SCENARIOS
-from qcar_env.envs import task
+from qcar_env.envs import cars, task
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.envs.vector import QuarterCarHumpVectorEnv
 from qcar_env.physics import motion
@@ -258,9 +258,21 @@ def trajectory(env, seed, steps=150):
     return np.array([env.step(actions_for(env, rng))[0] for _ in range(steps)])
 
 
-def test_threads_share_the_cars_and_change_no_bit():
+@pytest.fixture
+def two_threads(monkeypatch):
+    """Return the options of an environment that shares few cars out."""
+    monkeypatch.setattr(cars, "CARS_A_THREAD", 64)
+    return {"threads": 2, "duration": SHORT}
+
+
+def test_few_cars_stay_in_one_thread(two_threads):
+    assert QuarterCarHumpVectorEnv(127, **two_threads)._cars._workers == 1
+    assert QuarterCarHumpVectorEnv(128, **two_threads)._cars._workers == 2
+
+
+def test_threads_share_the_cars_and_change_no_bit(two_threads):
     one = trajectory(QuarterCarHumpVectorEnv(300, duration=SHORT), 1)
-    two = trajectory(QuarterCarHumpVectorEnv(300, duration=SHORT, threads=2), 1)
+    two = trajectory(QuarterCarHumpVectorEnv(300, **two_threads), 1)
     assert np.array_equal(one, two)
 
 
@@ -323,9 +335,9 @@ def test_single_precision_stays_close():
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 @pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
-def test_an_environment_goes_on_after_fork():
+def test_an_environment_goes_on_after_fork(two_threads):
     """The parent's threads are not there in the child, which needs its own."""
-    env = QuarterCarHumpVectorEnv(300, duration=SHORT, threads=2)
+    env = QuarterCarHumpVectorEnv(300, **two_threads)
     trajectory(env, 1, steps=10)
     action = np.full((300, 2), 0.2, np.float32)
     context = multiprocessing.get_context("fork")
@@ -444,9 +456,9 @@ def test_the_exact_method_in_single_precision_stays_close():
     assert not np.array_equal(double, single)
 
 
-def test_the_exact_method_goes_through_pickle_and_threads():
+def test_the_exact_method_goes_through_pickle_and_threads(two_threads):
     one = trajectory(QuarterCarHumpVectorEnv(300, duration=SHORT, method="exact"), 1)
-    env = QuarterCarHumpVectorEnv(300, duration=SHORT, method="exact", threads=2)
+    env = QuarterCarHumpVectorEnv(300, method="exact", **two_threads)
     assert np.array_equal(one, trajectory(pickle.loads(pickle.dumps(env)), 1))
 
 
