@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 
 DURATION = 15.0  # [s] of a training crossing: three time constants of the slow mode
 PERIODS = 20  # whole periods at its end over which the amplitude is taken
+VARIED = 48  # training crossings where scenarios vary; to 8 of them, 16 gains fit too well
 SETTLED = 60.0  # [s] from rest, of the validation that chooses between the searches
 
 
@@ -162,7 +163,7 @@ def tune(
     population : int
         Candidates in a generation.
     crossings : int, optional
-        Training crossings: by default 1, and 8 where the scenario varies.
+        Training crossings: by default 1, and `VARIED` where the scenario varies.
     command : str
         Command line that is stored with the gains.
 
@@ -178,7 +179,7 @@ def tune(
     search = SEARCHES[known("baseline to tune", baseline, SEARCHES)]
     whole("population", population, least=5)
     varies = track.nominal.randomisation is not None
-    count = crossings or (8 if varies else 1)
+    count = crossings or (VARIED if varies else 1)
     nominal = track.at(force_scale)
     training = episodes(track, "training", force_scale=force_scale, count=count)
     cars = Crossings([_on_optimum(each) for each in training])
