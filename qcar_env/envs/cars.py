@@ -23,7 +23,7 @@ FLOAT = np.dtype(np.float64)
 SHOWN = np.dtype(np.float32)
 BOOL = np.dtype(np.bool_)
 
-CARS_A_THREAD = 8192  # at least: handing fewer over to another thread costs what it saves
+CARS_A_THREAD = 16384  # at least: handing fewer over to another thread costs what it saves
 DISABLED = engine_sampled.DISABLED
 NEXT_STEP = engine_sampled.NEXT_STEP
 SAME_STEP = engine_sampled.SAME_STEP

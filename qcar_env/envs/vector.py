@@ -66,7 +66,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         neither randomisation nor reset options `scenario` and `force_scale`. The two differ by the
         error of the Runge-Kutta steps, 1e-5 of the amplitudes with four of them.
     threads : int
-        Threads that share the cars, at most: each gets 8192 of them or more, as handing fewer over
+        Threads that share the cars, at most: each gets 16384 of them or more, as handing fewer over
         costs what it saves. They change no bit.
     render_mode : {"rgb_array"}, optional
         `render` returns the frames of the cars in `render_cars`, as `RecordVideo` of
