@@ -222,7 +222,7 @@ def ratios(
         ]
     threaded = f"rollout, held, fused, {engine.cores()} threads"
     wanted += [
-        ("rollout, held", "multiply-add peak", None),
+        ("rollout, held", "multiply-add peak", 0.85),
         ("rollout, held, fused", "multiply-add peak", 0.85),
         (threaded, "rollout, held, fused", 1.9),
     ]

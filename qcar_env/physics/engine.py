@@ -97,6 +97,7 @@ for _each in (
     motion.angle,
     motion.half_step_angles,
     motion.piece_phasor,
+    motion.forced_step,
     motion.substep,
     motion.four_substeps,
     exact_map.weighted,

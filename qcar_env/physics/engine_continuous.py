@@ -41,16 +41,9 @@ from qcar_env.physics.engine import (
     store,
     store_world,
 )
-from qcar_env.physics.forcing import (
-    Amplitudes,
-    World,
-    forcing,
-    forcing_in_the_middle,
-    passage_of,
-    turn_world,
-)
-from qcar_env.physics.motion import angle, half_step_angles, piece_phasor
-from qcar_env.physics.rk4 import rk4_step, step_fractions
+from qcar_env.physics.forcing import Amplitudes, World, passage_of
+from qcar_env.physics.motion import angle, forced_step, half_step_angles, piece_phasor
+from qcar_env.physics.rk4 import step_fractions
 from qcar_env.physics.roads import RoadPieces, kink_time
 from qcar_env.physics.state import Filter, State
 
@@ -75,48 +68,6 @@ COMMAND = 49  # u1, u2 at the last step that was measured or recorded
 GAINS = 51  # gains of the law, at most MOST_GAINS
 MOST_GAINS = 8
 ROWS = GAINS + MOST_GAINS
-
-
-def forced_step(
-    rate: Any,
-    advance: Any,
-    add: Any,
-    x: Any,
-    world: Any,
-    passage: Any,
-    amplitudes: Any,
-    step: Any,
-    *args: Any,
-) -> tuple[Any, World]:
-    """Advance ``x' = rate(x, forcing, *args)`` and the world by one RK4 step.
-
-    Parameters
-    ----------
-    rate, advance, add : callable
-        As in `qcar_env.physics.rk4.rk4_step`.
-    x : tuple
-        State at the beginning of the step.
-    world : World
-        Phasors of road and force then.
-    passage : Passage
-        What becomes of the phasors in the step.
-    amplitudes : Amplitudes
-        Amplitudes of the forcing.
-    step : Step
-        Step size and fractions [s].
-    *args
-        Passed on to `rate`.
-
-    Returns
-    -------
-    tuple
-        State and world at the end of the step.
-    """
-    w_start = forcing(world, amplitudes)
-    w_middle = forcing_in_the_middle(world, passage.middle)
-    end = turn_world(world, passage.by)
-    w_end = forcing(end, amplitudes)
-    return rk4_step(rate, advance, add, x, step, w_start, w_middle, w_end, *args), end
 
 
 def forced_step_over_kinks(
@@ -165,7 +116,6 @@ def forced_step_over_kinks(
     return x, world, kink
 
 
-compiled(forced_step)
 compiled(forced_step_over_kinks)
 
 

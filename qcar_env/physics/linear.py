@@ -14,19 +14,12 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.dynamics import rate
 from qcar_env.physics.external_force import ExternalForce
-from qcar_env.physics.forcing import (
-    World,
-    amplitudes_of,
-    forcing,
-    forcing_in_the_middle,
-    passage_of,
-    turn_world,
-)
-from qcar_env.physics.rk4 import rk4_step, step_fractions
+from qcar_env.physics.forcing import World, amplitudes_of, passage_of
+from qcar_env.physics.motion import half_step_angles, substep
+from qcar_env.physics.rk4 import step_fractions
 from qcar_env.physics.roads import Phasor, Road
-from qcar_env.physics.state import State, add, advance
+from qcar_env.physics.state import State
 from qcar_env.physics.validation import positive
 
 Array = NDArray[np.float64]
@@ -179,15 +172,10 @@ def rk4_transition(
     u1, u2 = unit[4], unit[5]
     world = World(Phasor(unit[6], unit[7]), Phasor(unit[8], unit[9]))
     step = step_fractions(positive("dt", dt, "s") / substeps)
-    half = World(_angle(road.omega * step.half), _angle(force.Omega * step.half))
     amplitudes = amplitudes_of(road.h, road.omega, force.f, car)
-    passage = passage_of(half, amplitudes)
+    passage = passage_of(half_step_angles(road.omega, force.Omega, step.full), amplitudes)
     for _ in range(substeps):
-        w_start = forcing(world, amplitudes)
-        w_middle = forcing_in_the_middle(world, passage.middle)
-        world = turn_world(world, passage.by)
-        w_end = forcing(world, amplitudes)
-        x = rk4_step(rate, advance, add, x, step, w_start, w_middle, w_end, u1, u2, car)
+        x, world = substep(x, world, passage, amplitudes, step, u1, u2, car)
     m = np.array(x)
     return Transition(A=m[:, :4], B=m[:, 4:6], road=m[:, 6:8], force=m[:, 8:10], dt=dt)
 
@@ -261,7 +249,3 @@ def _response(car: QuarterCar, frequency: float, into: NDArray[Any]) -> NDArray[
             "give the car damping or another frequency"
         )
     return np.linalg.solve(matrix, into).astype(np.complex128)
-
-
-def _angle(angle: float) -> Phasor:
-    return Phasor(np.sin(angle), np.cos(angle))

@@ -71,6 +71,48 @@ def world_at(t: float, road: Road, force: ExternalForce) -> World:
     )
 
 
+def forced_step(
+    rate: Any,
+    advance: Any,
+    add: Any,
+    x: Any,
+    world: Any,
+    passage: Any,
+    amplitudes: Any,
+    step: Any,
+    *args: Any,
+) -> tuple[Any, World]:
+    """Advance ``x' = rate(x, forcing, *args)`` and the world by one RK4 step.
+
+    Parameters
+    ----------
+    rate, advance, add : callable
+        As in `qcar_env.physics.rk4.rk4_step`.
+    x : tuple
+        State at the beginning of the step.
+    world : World
+        Phasors of road and force then.
+    passage : Passage
+        What becomes of the phasors in the step.
+    amplitudes : Amplitudes
+        Amplitudes of the forcing.
+    step : Step
+        Step size and fractions [s].
+    *args
+        Passed on to `rate`.
+
+    Returns
+    -------
+    tuple
+        State and world at the end of the step.
+    """
+    w_start = forcing(world, amplitudes)
+    w_middle = forcing_in_the_middle(world, passage.middle)
+    end = turn_world(world, passage.by)
+    w_end = forcing(end, amplitudes)
+    return rk4_step(rate, advance, add, x, step, w_start, w_middle, w_end, *args), end
+
+
 def substep(
     x: Any, world: Any, passage: Any, amplitudes: Any, step: Any, u1: Any, u2: Any, car: Any
 ) -> tuple[State, World]:
@@ -98,23 +140,7 @@ def substep(
     tuple
         State and world at the end of the step.
     """
-    w_start = forcing(world, amplitudes)
-    w_middle = forcing_in_the_middle(world, passage.middle)
-    end = turn_world(world, passage.by)
-    x = rk4_step(
-        rate,
-        advance,
-        add,
-        x,
-        step,
-        w_start,
-        w_middle,
-        forcing(end, amplitudes),
-        u1,
-        u2,
-        car,
-    )
-    return x, end
+    return forced_step(rate, advance, add, x, world, passage, amplitudes, step, u1, u2, car)
 
 
 def four_substeps(

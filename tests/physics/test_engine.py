@@ -252,7 +252,7 @@ def test_the_loops_over_cars_are_compiled_to_vector_instructions():
         law.command, None, type(law.gains), False, fused=False
     )
     compiled_run(columns(ROADS["harmonic"], PAPER_FORCE, law, (0, 0, 0, 0)), law, 1)
-    assert count(PACKED_PRODUCT, continuous) > 72
+    assert count(PACKED_PRODUCT, continuous) > 80  # and the law, and what is measured
     assert count(PACKED_MULTIPLY_ADD, continuous) == 0
     sampled = engine_sampled.kernels(task, task.FULL_SIZE, False, 2, False).step
     QuarterCarHumpVectorEnv(1)

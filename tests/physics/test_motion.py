@@ -197,6 +197,7 @@ def test_a_passage_is_two_halves_and_looks_half_a_step_ahead(t, T, theta, Theta,
     )
     end = turn_world(world, passage.by)
     for found, twice in zip(end, (t + 2.0 * theta, T + 2.0 * Theta), strict=True):
+        # the same, and the angles' double, of up to 21
         assert found == pytest.approx(motion.angle(twice), abs=8e-15)
 
 
