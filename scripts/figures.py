@@ -107,7 +107,7 @@ def _effects(number: int) -> Callable[[Task], Made]:
         car = task.under("cnvc")
         curves = {name: experiments.parameter_effect(car, effects, name) for name in names}
         panels = {
-            name: {str(number): curve.response for number, curve in enumerate(each)}
+            name: {str(i): curve.response for i, curve in enumerate(each)}
             for name, each in curves.items()
         }
         found = [t for t in experiments.trends(car) if t.figure == number]
