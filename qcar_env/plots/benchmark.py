@@ -95,7 +95,7 @@ def frontier(
         ax.errorbar(
             x,
             np.maximum(y, SMALLEST),
-            yerr=np.maximum(error, 0.0),
+            yerr=np.maximum(error, 0.0).tolist(),  # of a single array, Matplotlib 3.10 warns
             color=style.color,
             linestyle="none",
             marker=MARKERS[number % len(MARKERS)],
@@ -146,7 +146,7 @@ def over_optimum(
                 max(excess, 1e-3),
                 width * 0.9,
                 color=style.color,
-                yerr=np.maximum(error, 0.0),
+                yerr=np.maximum(error, 0.0).tolist(),  # of a single array, Matplotlib 3.10 warns
                 error_kw={"elinewidth": 0.6, "capsize": 1.2},
                 hatch="////" if style.linestyle != "-" else None,
                 edgecolor="white",
