@@ -57,9 +57,12 @@ docs: docs/conf.py $(VENV)/.installed-docs ## build the documentation into docs/
 # ---- checks -----------------------------------------------------------------------------------
 
 # One BLAS and OpenMP thread for each test process: there is one process for each core.
-.PHONY: test test-learning lint
+.PHONY: test test-core test-learning lint
 test: $(VENV)/.installed-test ## run all tests
 	OMP_NUM_THREADS=1 $(PY) -m pytest -n $(JOBS) $(ARGS)
+
+test-core: $(VENV)/.installed-core ## run what needs no torch, with any Python: VENV=.venv-3.13 PYTHON=...
+	OMP_NUM_THREADS=1 $(PY) -m pytest -n $(JOBS) --ignore tests/test_docs.py $(ARGS)
 
 test-learning: $(VENV)/.installed-test ## run the tests that train agents
 	$(PY) -m pytest -m learning $(ARGS)
@@ -81,9 +84,10 @@ extras_compare := plots,run
 extras_report := plots,run,mpc,report
 extras_watch := plots,run,mpc,render
 extras_train := plots,run,mpc,train,render,report
+extras_core := plots,run,mpc,render,report,test
 extras_docs := plots,run,mpc,render,report,docs
 extras_test := plots,run,mpc,train,render,report,docs,test,dev
-stamps := $(addprefix $(VENV)/.installed-,compare report watch train docs test)
+stamps := $(addprefix $(VENV)/.installed-,compare report watch train core docs test)
 
 # .venv is ready if it was made here and completely, and its Python still runs.
 ready := $(shell [ ! -e $(VENV)/.unfinished ] && [ "$$(cat $(VENV)/.root 2>/dev/null)" = "$(CURDIR)" ] \
