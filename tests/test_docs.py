@@ -53,6 +53,12 @@ def commands(text: str) -> list[str]:
     return found
 
 
+def prose(tutorial: Path) -> str:
+    """Return the text of a tutorial's comments, in which its fenced blocks stand."""
+    text = tutorial.read_text(encoding="utf-8")
+    return "\n".join(re.findall(r"^# ?(.*)$", text, re.MULTILINE))
+
+
 def name_of(page: Path) -> str:
     return page.relative_to(ROOT).as_posix()
 
@@ -156,6 +162,16 @@ def test_a_tutorial_runs_in_its_short_form(tutorial, tmp_path):
         stdout=subprocess.DEVNULL,
         timeout=300,
     )
+
+
+@pytest.mark.parametrize("tutorial", TUTORIALS, ids=name_of)
+def test_the_blocks_in_the_text_of_a_tutorial_are_code(tutorial, monkeypatch):
+    text = prose(tutorial)
+    for number, (language, content) in enumerate(blocks(text)):
+        if language == "python":
+            compile(content, f"{tutorial.name}, block {number}", "exec")
+    for command in commands(text):
+        check(command, monkeypatch)
 
 
 def test_every_tutorial_is_listed():

@@ -82,7 +82,10 @@ for name, policy in (("CNVC", catalogue.make("cnvc", paper)), ("SAC", load(folde
 # for less:
 #
 # ```python
-# import gymnasium as gym import qcar_env from stable_baselines3 import SAC
+# import gymnasium as gym
+# import qcar_env
+# from stable_baselines3 import SAC
 #
-# model = SAC("MlpPolicy", gym.make("QuarterCarHump-v0")) model.learn(50_000)
+# model = SAC("MlpPolicy", gym.make("QuarterCarHump-v0"))
+# model.learn(50_000)
 # ```
