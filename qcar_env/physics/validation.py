@@ -4,7 +4,13 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+MOST_SHOWN = 200  # characters of a refused value in a message, chosen here
 
 
 def finite(name: str, value: float, unit: str = "-") -> float:
@@ -53,23 +59,55 @@ def non_negative(name: str, value: float, unit: str = "-") -> float:
     return number
 
 
-def whole(name: str, value: int, least: int = 1) -> int:
+def whole(name: str, value: int, least: int = 1, most: int | None = None) -> int:
     """Return `value` as an int.
 
     Raises
     ------
     ValueError
-        If it is not a whole number of at least `least`.
+        If it is not a whole number of at least `least` and, where there is one, at most `most`.
     """
+    given: Any = _scalar(value)
     try:
-        number = math.nan if isinstance(value, (bool, str)) else int(value)
+        number = math.nan if isinstance(given, (bool, str)) else int(given)
     except (TypeError, ValueError, OverflowError):
         number = math.nan
-    if number != value:
-        raise ValueError(f"{name} must be a whole number, got {value!r}; give {least} or more")
+    if isinstance(number, float) or number != given:
+        raise ValueError(f"{name} must be a whole number, got {shown(value)}; give {least} or more")
     if number < least:
-        raise ValueError(f"{name} must be at least {least}, got {value}; give {least} or more")
-    return int(number)
+        got = shown(number)
+        raise ValueError(f"{name} must be at least {least}, got {got}; give {least} or more")
+    if most is not None and number > most:
+        got = shown(number)
+        raise ValueError(f"{name} must be at most {most}, got {got}; give {least} to {most}")
+    return number
+
+
+def entries(value: Any) -> tuple[Any, ...]:
+    """Return the entries of a tuple, a list or an array (n,); none of anything else."""
+    if isinstance(value, (tuple, list)):
+        return tuple(cast("Sequence[Any]", value))
+    return tuple(value.tolist()) if isinstance(value, np.ndarray) and value.ndim == 1 else ()
+
+
+def finite_array(name: str, value: Any, unit: str = "-") -> NDArray[np.float64]:
+    """Return `value`, a number or numbers of any shape, as an array.
+
+    Raises
+    ------
+    ValueError
+        If it holds something else than finite numbers.
+    """
+    try:
+        found = np.asarray(value)
+    except (TypeError, ValueError):  # rows of different lengths
+        found = np.array(None)
+    if found.dtype.kind not in "iuf" or not np.isfinite(found).all():
+        raise ValueError(
+            f"{name} must be finite{'' if unit == '-' else f' [{unit}]'}, got {shown(value)}; "
+            "give a finite number or an array of them"
+        )
+    return found.astype(np.float64, copy=False)
 
 
 def known(kind: str, name: str, names: Iterable[str]) -> str:
@@ -81,22 +119,52 @@ def known(kind: str, name: str, names: Iterable[str]) -> str:
         If it is not; the message gives the nearest name and the whole list.
     """
     choices = sorted(names)
-    if name in choices:
-        return name
+    if isinstance(name, str) and name in choices:
+        return choices[choices.index(name)]
     lower = {choice.lower(): choice for choice in choices}
-    near = difflib.get_close_matches(str(name).lower(), lower, n=1)
+    near = difflib.get_close_matches(shown(name).strip("'").lower(), lower, n=1)
     hint = f"; did you mean {lower[near[0]]!r}?" if near else "."
-    raise ValueError(f"unknown {kind} {name!r}{hint} Known: {', '.join(choices) or 'none'}")
+    raise ValueError(f"unknown {kind} {shown(name)}{hint} Known: {', '.join(choices) or 'none'}")
+
+
+def store(instance: object, **values: Any) -> None:
+    """Put checked values into a frozen dataclass, in its `__post_init__`.
+
+    What is stored is what the checks returned: a float for a numpy scalar, a tuple for a list.
+    """
+    for name, value in values.items():
+        object.__setattr__(instance, name, value)
+
+
+def shown(value: Any) -> str:
+    """Return `value` as a message shows it, cut where it is long."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python prints no int of more than 4300 digits
+        text = "a number of more digits than can be printed"
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
 
 
 def _number(name: str, value: float, unit: str) -> float:
+    given: Any = _scalar(value)
     try:
-        if not isinstance(value, (bool, str)):
-            return float(value)
+        if not isinstance(given, (bool, str, bytes, bytearray)):
+            return float(given)
+    except OverflowError:
+        raise ValueError(
+            f"{name} must be finite, got {shown(value)}{_unit(unit)}; give a finite number"
+        ) from None
     except (TypeError, ValueError):
         pass
     kind = "a number" if unit == "-" else f"a number in {unit}"
-    raise ValueError(f"{name} must be {kind}, got {value!r}; give a finite number")
+    raise ValueError(f"{name} must be {kind}, got {shown(value)}; give a finite number")
+
+
+def _scalar(value: Any) -> Any:
+    """Return a number of numpy as one of Python; None for an array with a length."""
+    if not isinstance(value, (np.ndarray, np.generic)):
+        return value
+    return value.item() if value.ndim == 0 else None
 
 
 def _unit(unit: str) -> str:
