@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
+from qcar_env.envs import task
 from qcar_env.envs.vector import TERMS, QuarterCarHumpVectorEnv
 from qcar_env.physics.state import State
+from qcar_env.physics.validation import known
 from qcar_env.scenarios import Scenario
 
 
@@ -49,15 +51,22 @@ class QuarterCarHumpVecEnv(VecEnv):
         self._actions: NDArray[np.float32] | None = None
 
     def reset(self) -> NDArray[np.float32]:
-        """Begin episodes of all cars, with the seeds and options given before."""
+        """Begin episodes of all cars, with the seeds and options given before.
+
+        Raises
+        ------
+        ValueError
+            If there are not as many options as cars, or one is unknown or out of range.
+        """
         seeds = None if all(each is None for each in self._seeds) else self._seeds
-        names = {name for each in self._options for name in each}
-        options = {name: [each[name] for each in self._options] for name in names}
-        observations, _ = self.vector.reset(seed=seeds, options=options)
+        found = [
+            self.vector.reset(seed=seeds, options={**options, "reset_mask": mask})[0]
+            for mask, options in self._groups()
+        ]
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
-        return observations
+        return found[-1]  # each holds the observations of all cars
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Keep the actions for `step_wait`."""
@@ -88,12 +97,12 @@ class QuarterCarHumpVecEnv(VecEnv):
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """Return an attribute of each chosen car."""
-        return [getattr(self.cars[i], attr_name) for i in self._get_indices(indices)]
+        return [getattr(car, attr_name) for car in self._chosen(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         """Set an attribute of each chosen car: `force_scale` and `scenario` from its next start."""
-        for i in self._get_indices(indices):
-            setattr(self.cars[i], attr_name, value)
+        for car in self._chosen(indices):
+            setattr(car, attr_name, value)
 
     def env_method(
         self,
@@ -104,13 +113,48 @@ class QuarterCarHumpVecEnv(VecEnv):
     ) -> list[Any]:
         """Call a method of each chosen car."""
         return [
-            getattr(self.cars[i], method_name)(*method_args, **method_kwargs)
-            for i in self._get_indices(indices)
+            getattr(car, method_name)(*method_args, **method_kwargs)
+            for car in self._chosen(indices)
         ]
 
     def env_is_wrapped(self, wrapper_class: type, indices: VecEnvIndices = None) -> list[bool]:
         """Return that no car is wrapped: wrap the whole batch with SB3's Vec wrappers."""
-        return [False for _ in self._get_indices(indices)]
+        return [False for _ in self._chosen(indices)]
+
+    def _chosen(self, indices: VecEnvIndices) -> list[Car]:
+        """Return cars by index, all or none."""
+        chosen = list(self._get_indices(indices))
+        try:
+            return [self.cars[i] for i in chosen]
+        except (IndexError, TypeError):
+            raise ValueError(
+                f"indices must be whole numbers from 0 to {self.num_envs - 1}, got {chosen}; "
+                "give indices of the batch"
+            ) from None
+
+    def _groups(self) -> list[tuple[NDArray[np.bool_], dict[str, list[Any]]]]:
+        """Return the cars that have the same options, as a mask, and these with a value for each.
+
+        What a car outside the mask has is not read.
+        """
+        if len(self._options) != self.num_envs:
+            raise ValueError(
+                f"options must be one dict or {self.num_envs} of them, got {len(self._options)}; "
+                "give one for each car"
+            )
+        for name in {name for each in self._options for name in each}:
+            known("reset option", name, task.RESET_OPTIONS)
+        members: dict[frozenset[str], list[int]] = {}
+        for i, each in enumerate(self._options):
+            members.setdefault(frozenset(each), []).append(i)
+        groups: list[tuple[NDArray[np.bool_], dict[str, list[Any]]]] = []
+        for names, cars in members.items():
+            mask = np.zeros(self.num_envs, dtype=bool)
+            mask[cars] = True
+            first = self._options[cars[0]]
+            own = [each if mine else first for each, mine in zip(self._options, mask, strict=True)]
+            groups.append((mask, {name: [each[name] for each in own] for name in names}))
+        return groups
 
 
 class Car:

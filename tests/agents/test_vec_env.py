@@ -60,6 +60,50 @@ def test_options_and_seeds_hold_for_one_reset():
     assert not np.array_equal(env.reset(), first)
 
 
+def test_options_that_some_cars_have_leave_the_others_as_a_single_environment_has_them():
+    options = [{"phase": 1.0}, {}, {"phase": 3.0, "force_scale": 0.5}, {"force_scale": 0.25}]
+    env = QuarterCarHumpVecEnv(4)
+    env.seed(7)
+    env.set_options(options)
+    found = env.reset()
+    for i, each in enumerate(options):
+        assert np.array_equal(found[i], QuarterCarHumpEnv().reset(seed=7 + i, options=each)[0])
+    assert env.get_attr("force_scale") == [1.0, 1.0, 0.5, 0.25]
+    # the second reset goes on with the cars' own draws, and keeps their force limits
+    singles = [QuarterCarHumpEnv() for _ in options]
+    for i, (single, each) in enumerate(zip(singles, options, strict=True)):
+        single.reset(seed=7 + i, options=each)
+    assert np.array_equal(env.reset(), [single.reset()[0] for single in singles])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([{}, {"phas": 1.0}], "unknown reset option 'phas'; did you mean 'phase'"),
+        ([{}, {"reset_mask": True}], "unknown reset option 'reset_mask'"),
+        ([{}], "options must be one dict or 2 of them, got 1; give one for each car"),
+    ],
+)
+def test_options_that_fit_no_car_are_refused_before_one_begins(options, message):
+    env = QuarterCarHumpVecEnv(2)
+    env.reset()
+    states = env.vector.states.copy()
+    env.set_options(options)
+    with pytest.raises(ValueError, match=message):
+        env.reset()
+    assert np.array_equal(env.vector.states, states)
+
+
+def test_an_index_out_of_range_changes_no_car():
+    env = QuarterCarHumpVecEnv(3)
+    for indices in ([0, 7], [0, 1.5], 7):
+        with pytest.raises(ValueError, match=r"indices must be .* 0 to 2, got .*; give indices"):
+            env.set_attr("force_scale", 0.25, indices)
+        with pytest.raises(ValueError, match="indices must be"):
+            env.get_attr("force_scale", indices)
+    assert env.get_attr("force_scale") == [1.0] * 3
+
+
 def test_attributes_of_single_cars():
     env = QuarterCarHumpVecEnv(3)
     assert [each.name for each in env.get_attr("scenario")] == ["paper"] * 3
