@@ -20,10 +20,13 @@ from qcar_env.physics.dynamics import Coefficients
 from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.rk4 import ACCURACY_LIMIT, STABILITY_LIMIT
 from qcar_env.physics.roads import Road
-from qcar_env.physics.validation import known, positive, whole
+from qcar_env.physics.validation import entries, finite, known, positive, shown, store, whole
 
 Actuation = Literal["independent", "suspension"]
 ACTUATIONS: tuple[Actuation, ...] = ("independent", "suspension")
+MOST_INTERVALS = 2**53  # of an episode: what a float counts one by one
+MOST_SUBSTEPS = 1_000_000  # of a control interval, chosen here: 5 ns each at 200 Hz
+MOST_STEPS = 10_000_000  # of a crossing whose peaks are looked for, chosen here: a minute's work
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,15 +54,18 @@ class Actuator:
 
     def __post_init__(self) -> None:
         """Check kind and limits."""
-        known("actuation", self.actuation, ACTUATIONS)
-        expected = 2 if self.actuation == "independent" else 1
-        if len(self.limit) != expected:
+        actuation = known("actuation", self.actuation, ACTUATIONS)
+        limit, expected = entries(self.limit), 2 if actuation == "independent" else 1
+        if len(limit) != expected:
             raise ValueError(
-                f"actuation {self.actuation!r} takes {expected} force limit(s), "
-                f"got {len(self.limit)}: {self.limit}"
+                f"actuation {actuation!r} takes {expected} force limit(s), "
+                f"got {len(limit)}: {shown(self.limit)}; give a tuple of {expected}"
             )
-        for value in self.limit:
-            positive("force limit", value, self.unit)
+        store(
+            self,
+            actuation=actuation,
+            limit=tuple(positive("force limit", value, self.unit) for value in limit),
+        )
 
     @property
     def unit(self) -> str:
@@ -128,10 +134,11 @@ class Randomisation:
     def __post_init__(self) -> None:
         """Check every range."""
         for each in dataclasses.fields(self):
-            given = getattr(self, each.name)
-            if not isinstance(given, (tuple, list)) or len(given) != 2:
+            given = entries(getattr(self, each.name))
+            if len(given) != 2:
                 raise ValueError(
-                    f"range of {each.name} must be two numbers, got {given!r}; "
+                    f"range of {each.name} must be two numbers, "
+                    f"got {shown(getattr(self, each.name))}; "
                     "give the lowest and the highest factor"
                 )
             low, high = (positive(f"{each.name} factor", value) for value in given)
@@ -139,6 +146,7 @@ class Randomisation:
                 raise ValueError(
                     f"range of {each.name} must rise, got ({low:g}, {high:g}); swap the two"
                 )
+            store(self, **{each.name: (low, high)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -198,10 +206,18 @@ class Scenario:
 
     def __post_init__(self) -> None:
         """Check the numbers, alone and against each other."""
-        positive("dt", self.dt, "s")
-        whole("substeps", self.substeps)
-        positive("duration", self.duration, "s")
-        positive("travel_limit", self.travel_limit)
+        store(
+            self,
+            dt=positive("dt", self.dt, "s"),
+            substeps=whole("substeps", self.substeps, most=MOST_SUBSTEPS),
+            duration=positive("duration", self.duration, "s"),
+            travel_limit=positive("travel_limit", self.travel_limit),
+        )
+        if self.duration / self.dt > MOST_INTERVALS:
+            raise ValueError(
+                f"duration must be at most {MOST_INTERVALS:.1e} control intervals, got "
+                f"{self.duration:g} s with dt = {self.dt:g} s; give a shorter duration"
+            )
         if self.steps < 1:
             raise ValueError(
                 f"duration must hold a control interval, got {self.duration:g} s with "
@@ -233,7 +249,7 @@ class Scenario:
 
     def with_force_scale(self, scale: float) -> Scenario:
         """Return the same scenario with the force limits multiplied by `scale` [-]."""
-        positive("force scale", scale)
+        scale = positive("force scale", scale)
         limit = tuple(scale * value for value in self.actuator.limit)
         return dataclasses.replace(self, actuator=dataclasses.replace(self.actuator, limit=limit))
 
@@ -286,7 +302,8 @@ def reference_amplitudes(car: QuarterCar, road: Road, force: ExternalForce) -> t
     Raises
     ------
     ValueError
-        If the car does not move at all (no road, no force), as nothing can be reduced then.
+        If the car does not move at all (no road, no force), as nothing can be reduced then, or if
+        the crossing is too long for its peaks to be looked for.
     """
     if road.profile == "harmonic":
         found = linear.steady_state(car, road, force).amplitudes
@@ -304,9 +321,16 @@ def _crossing_peaks(car: QuarterCar, road: Road, force: ExternalForce) -> tuple[
     slowest = float(np.min(np.abs(linear.poles(car))))
     fastest = max(float(np.max(np.abs(linear.poles(car)))), road.omega, force.Omega)
     begin = min(road.start, 0.0)
-    settle = 3.0 * 2.0 * math.pi / slowest  # three periods of the slowest mode hold its peak
+    # Three periods of the slowest mode hold its peak.
+    settle = 3.0 * 2.0 * math.pi / slowest if slowest > 0.0 else math.inf
     last = road.end if math.isfinite(road.end) else road.start
     dt = 2.0 * math.pi / fastest / 200.0  # peaks to (pi / 200)^2 / 2 = 1e-4 of their height
+    if not (last + settle - begin) / dt <= MOST_STEPS:
+        raise ValueError(
+            f"a crossing must be over within {MOST_STEPS * dt:.3g} s for a car, road and force of "
+            f"up to {fastest:.3g} rad/s, got {last + settle - begin:.3g} s with three periods of "
+            "the slowest mode; give the road an earlier end or the car more stiffness"
+        )
     edges = [begin, *road.kinks(begin, last + settle), last + settle]
     x = np.zeros(4)
     peaks = np.zeros(4)
@@ -465,7 +489,16 @@ def vary(
 
     Springs, dampers, the external force and the actuators keep their newtons; what is divided by
     a mass falls with it.
+
+    Raises
+    ------
+    ValueError
+        If a factor is not finite, or one of frequency, mass or limit not positive.
     """
+    height, force = finite("height factor", height), finite("force factor", force)
+    frequency = positive("frequency factor", frequency)
+    load, wheel_mass = positive("load factor", load), positive("wheel_mass factor", wheel_mass)
+    limit = positive("limit factor", limit)
     car = nominal.car
     varied = dataclasses.replace(
         car,

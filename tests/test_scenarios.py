@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import pickle
 import warnings
 
 import numpy as np
@@ -169,6 +170,22 @@ def test_a_force_scale_must_be_positive(scale):
         ("suspension", (1.0, 2.0), r"'suspension' takes 1 force limit\(s\), got 2"),
         ("suspension", (0.0,), "force limit must be positive, got 0 N"),
         ("independent", (1.0, -1.0), r"force limit must be positive, got -1 m/s\^2"),
+        (
+            "independent",
+            {1.0, 2.0},
+            r"takes 2 force limit\(s\), got 0: \{1.0, 2.0\}; give a tuple of 2",
+        ),
+        ("suspension", 5, r"takes 1 force limit\(s\), got 0: 5; give a tuple of 1"),
+        (
+            "suspension",
+            (10**400,),
+            "force limit must be finite, got 1000.* N; give a finite number",
+        ),
+        (
+            "suspension",
+            (None,),
+            "force limit must be a number in N, got None; give a finite number",
+        ),
         ("suspention", (1.0,), r"unknown actuation 'suspention'; did you mean 'suspension'\?"),
     ],
 )
@@ -227,6 +244,16 @@ def test_a_scenario_with_a_step_that_diverges_is_refused():
         ({"duration": -1.0}, "duration must be positive, got -1 s"),
         ({"duration": 0.001}, "duration must hold a control interval, got 0.001 s .* give 0.005 s"),
         ({"travel_limit": 0.0}, "travel_limit must be positive, got 0"),
+        (
+            {"duration": 1e300},
+            r"duration must be at most 9.0e\+15 control intervals, got 1e\+300 s",
+        ),
+        ({"dt": 1e-320}, r"duration must be at most 9.0e\+15 control intervals, got 5 s"),
+        (
+            {"substeps": 10**9},
+            "substeps must be at most 1000000, got 1000000000; give 1 to 1000000",
+        ),
+        ({"dt": np.ones(2)}, r"dt must be a number in s, got array\(\[1., 1.\]\); give a finite"),
     ],
 )
 def test_the_numbers_of_a_scenario_are_checked(changes, message):
@@ -324,8 +351,67 @@ def test_a_scenario_that_does_not_vary_draws_nothing():
         ((0.5, math.inf), "{name} factor must be finite, got inf"),
         ((0.5,), r"range of {name} must be two numbers, got \(0.5,\)"),
         (0.5, r"range of {name} must be two numbers, got 0.5"),
+        ({0.5, 1.5}, r"range of {name} must be two numbers, got {{0.5, 1.5}}; give the lowest"),
+        ("12", r"range of {name} must be two numbers, got '12'; give the lowest"),
+        ((0.5, 10**400), "{name} factor must be finite, got 1000"),
     ],
 )
 def test_a_range_is_two_positive_numbers_in_rising_order(name, given_range, message):
     with pytest.raises(ValueError, match=message.format(name=name)):
         Randomisation(**{name: given_range})
+
+
+# Values as they are stored ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [list, np.array])
+@pytest.mark.parametrize("number", [np.array, np.float64, np.float32])
+def test_a_scenario_of_lists_and_numpys_numbers_is_the_one_of_plain_ones(kind, number):
+    """Equal, as a key, as text and after a round trip through pickle."""
+    plain = dataclasses.replace(
+        PAPER, randomisation=Randomisation(height=(0.5, 1.5)), duration=5.0, substeps=4
+    )
+    other = dataclasses.replace(
+        plain,
+        actuator=Actuator(actuation=np.str_("independent"), limit=kind([280.0, 33.0])),
+        randomisation=Randomisation(height=kind([0.5, 1.5])),
+        duration=number(5),
+        substeps=number(4),
+        travel_limit=number(3),
+    )
+    for each in (other, pickle.loads(pickle.dumps(other)), dataclasses.replace(other)):
+        assert (each, hash(each), repr(each)) == (plain, hash(plain), repr(plain))
+    assert (type(other.substeps), type(other.duration)) == (int, float)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("load", 0, "load factor must be positive, got 0; give a value above 0"),
+        ("load", -1, "load factor must be positive, got -1"),
+        ("wheel_mass", 0.0, "wheel_mass factor must be positive, got 0"),
+        ("frequency", -1.0, "frequency factor must be positive, got -1"),
+        ("limit", 0.0, "limit factor must be positive, got 0"),
+        ("height", math.nan, "height factor must be finite, got nan"),
+        ("force", None, "force factor must be a number, got None"),
+    ],
+)
+@pytest.mark.parametrize("nominal", [PAPER, HUMP], ids=lambda each: each.name)
+def test_the_factors_of_a_variation_are_checked(nominal, name, value, message):
+    with pytest.raises(ValueError, match=message):
+        vary(nominal, **{name: value})
+
+
+@pytest.mark.parametrize(
+    "road",
+    [
+        roads.hump(h=0.1, omega=1e-9),
+        roads.hump(h=0.1, omega=20.0, start=1e12),
+        roads.train(h=0.1, omega=20.0, count=2, gap=1e12),
+        roads.train(h=0.1, omega=20.0, count=1_000_000, gap=1.0),
+    ],
+    ids=["slow", "late", "gap", "many"],
+)
+def test_a_crossing_too_long_to_be_looked_through_is_refused(road):
+    with pytest.raises(ValueError, match=r"a crossing must be over within .* s .*, got .* s with"):
+        _ = dataclasses.replace(HUMP, road=road).reference_amplitudes

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from qcar_env.control.law import Command, FilterRate
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.validation import non_negative
+from qcar_env.physics.validation import non_negative, store
 
 
 class CNVCGains(NamedTuple):
@@ -51,8 +51,11 @@ class CNVC:
 
     def __post_init__(self) -> None:
         """Check the gains."""
-        non_negative("gain G1", self.G1, "s/m^2")
-        non_negative("gain G2", self.G2, "s/m^2")
+        store(
+            self,
+            G1=non_negative("gain G1", self.G1, "s/m^2"),
+            G2=non_negative("gain G2", self.G2, "s/m^2"),
+        )
 
     @property
     def gains(self) -> CNVCGains:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from qcar_env.control.law import Command, FilterRate
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.validation import non_negative
+from qcar_env.physics.validation import non_negative, store
 
 
 class LNVCGains(NamedTuple):
@@ -48,8 +48,11 @@ class LNVC:
 
     def __post_init__(self) -> None:
         """Check the gains."""
-        non_negative("gain G1", self.G1, "1/s")
-        non_negative("gain G2", self.G2, "1/s")
+        store(
+            self,
+            G1=non_negative("gain G1", self.G1, "1/s"),
+            G2=non_negative("gain G2", self.G2, "1/s"),
+        )
 
     @property
     def gains(self) -> LNVCGains:

@@ -30,7 +30,7 @@ from scipy.linalg import expm, solve_discrete_are
 
 from qcar_env.physics import linear
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.validation import positive
+from qcar_env.physics.validation import positive, store
 
 Array = NDArray[np.float64]
 
@@ -94,8 +94,8 @@ class Weights:
 
     def __post_init__(self) -> None:
         """Check the weights."""
-        for name in ("q1", "q2", "r1", "r2"):
-            positive(f"weight {name}", getattr(self, name))
+        names = ("q1", "q2", "r1", "r2")
+        store(self, **{name: positive(f"weight {name}", getattr(self, name)) for name in names})
 
 
 def regulator(plant: SampledPlant, weights: Weights) -> Array:

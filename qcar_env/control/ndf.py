@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from qcar_env.control.law import Command, FilterRate
 from qcar_env.physics.car import QuarterCar
 from qcar_env.physics.state import Filter
-from qcar_env.physics.validation import non_negative, positive
+from qcar_env.physics.validation import non_negative, positive, store
 
 
 class NDFGains(NamedTuple):
@@ -81,12 +81,15 @@ class NDF:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        non_negative("gain G1", self.G1, "1/s")
-        non_negative("gain G2", self.G2, "1/s")
-        positive("omega_f1", self.omega_f1, "rad/s")
-        positive("omega_f2", self.omega_f2, "rad/s")
-        positive("zeta1", self.zeta1)
-        positive("zeta2", self.zeta2)
+        store(
+            self,
+            G1=non_negative("gain G1", self.G1, "1/s"),
+            G2=non_negative("gain G2", self.G2, "1/s"),
+            omega_f1=positive("omega_f1", self.omega_f1, "rad/s"),
+            omega_f2=positive("omega_f2", self.omega_f2, "rad/s"),
+            zeta1=positive("zeta1", self.zeta1),
+            zeta2=positive("zeta2", self.zeta2),
+        )
 
     @property
     def gains(self) -> NDFGains:

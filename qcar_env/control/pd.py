@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from qcar_env.control.law import Command, FilterRate
 from qcar_env.control.static_stability import check_static_stiffness
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.validation import finite, non_negative
+from qcar_env.physics.validation import finite, non_negative, store
 
 
 class PDGains(NamedTuple):
@@ -59,10 +59,13 @@ class PD:
 
     def __post_init__(self) -> None:
         """Check the gains."""
-        finite("gain p1", self.p1, "1/s^2")
-        finite("gain p2", self.p2, "1/s^2")
-        non_negative("gain d1", self.d1, "1/s")
-        non_negative("gain d2", self.d2, "1/s")
+        store(
+            self,
+            p1=finite("gain p1", self.p1, "1/s^2"),
+            p2=finite("gain p2", self.p2, "1/s^2"),
+            d1=non_negative("gain d1", self.d1, "1/s"),
+            d2=non_negative("gain d2", self.d2, "1/s"),
+        )
 
     @property
     def gains(self) -> PDGains:

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from qcar_env.control.law import Command, FilterRate
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.validation import non_negative, positive
+from qcar_env.physics.validation import non_negative, positive, store
 
 
 class HybridGains(NamedTuple):
@@ -67,10 +67,12 @@ class Hybrid:
 
     def __post_init__(self) -> None:
         """Check the gains."""
-        non_negative("gain G1", self.G1, "1/s")
-        non_negative("gain G2", self.G2, "1/s")
-        if self.mass_ratio is not None:
-            positive("mass_ratio", self.mass_ratio)
+        store(
+            self,
+            G1=non_negative("gain G1", self.G1, "1/s"),
+            G2=non_negative("gain G2", self.G2, "1/s"),
+            mass_ratio=_ratio(self.mass_ratio),
+        )
 
     @property
     def gains(self) -> HybridGains:
@@ -121,9 +123,7 @@ class Skyhook:
 
     def __post_init__(self) -> None:
         """Check the gains."""
-        non_negative("gain G", self.G, "1/s")
-        if self.mass_ratio is not None:
-            positive("mass_ratio", self.mass_ratio)
+        store(self, G=non_negative("gain G", self.G, "1/s"), mass_ratio=_ratio(self.mass_ratio))
 
     @property
     def gains(self) -> HybridGains:
@@ -167,9 +167,7 @@ class Groundhook:
 
     def __post_init__(self) -> None:
         """Check the gains."""
-        non_negative("gain G", self.G, "1/s")
-        if self.mass_ratio is not None:
-            positive("mass_ratio", self.mass_ratio)
+        store(self, G=non_negative("gain G", self.G, "1/s"), mass_ratio=_ratio(self.mass_ratio))
 
     @property
     def gains(self) -> HybridGains:
@@ -188,3 +186,7 @@ class Groundhook:
 
     def check(self, car: QuarterCar) -> None:
         """Accept every car (see `Hybrid`)."""
+
+
+def _ratio(given: float | None) -> float | None:
+    return None if given is None else positive("mass_ratio", given)

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 from qcar_env.physics.dynamics import Coefficients
-from qcar_env.physics.validation import non_negative, positive
+from qcar_env.physics.validation import finite, non_negative, positive, store
 
 UNITS = {  # of every coefficient, for checks and labels
     "omega1": "rad/s",
@@ -77,16 +77,17 @@ class QuarterCar:
     def __post_init__(self) -> None:
         """Check every coefficient."""
         for name in ("omega1", "omega2"):
-            positive(name, getattr(self, name), UNITS[name])
+            store(self, **{name: positive(name, getattr(self, name), UNITS[name])})
+            finite(f"{name}^2", getattr(self, name) * getattr(self, name), "1/s^2")
         for name in ("b1", "b2", "E1", "E2", "E3", "mu1", "mu2"):
-            non_negative(name, getattr(self, name), UNITS[name])
+            store(self, **{name: non_negative(name, getattr(self, name), UNITS[name])})
         if (self.m1 is None) != (self.m2 is None):
             raise ValueError(
                 f"m1 and m2 must be given together or not at all, got m1={self.m1}, m2={self.m2}"
             )
         for name in ("m1", "m2"):
             if getattr(self, name) is not None:
-                positive(name, getattr(self, name), UNITS[name])
+                store(self, **{name: positive(name, getattr(self, name), UNITS[name])})
 
     @classmethod
     def from_physical(
@@ -124,15 +125,9 @@ class QuarterCar:
         ValueError
             If a value is not finite or has the wrong sign.
         """
-        for name, value, unit in (
-            ("m1", m1, "kg"),
-            ("m2", m2, "kg"),
-            ("k1", k1, "N/m"),
-            ("k2", k2, "N/m"),
-        ):
-            positive(name, value, unit)
-        for name, value in (("c1", c1), ("c2", c2)):
-            non_negative(name, value, "N s/m")
+        m1, m2 = positive("m1", m1, "kg"), positive("m2", m2, "kg")
+        k1, k2 = positive("k1", k1, "N/m"), positive("k2", k2, "N/m")
+        c1, c2 = non_negative("c1", c1, "N s/m"), non_negative("c2", c2, "N s/m")
         return cls(
             omega1=math.sqrt((k1 + k2) / m1),
             omega2=math.sqrt(k2 / m2),

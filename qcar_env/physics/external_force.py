@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from qcar_env.physics.roads import Phasor
-from qcar_env.physics.validation import finite, non_negative
+from qcar_env.physics.validation import finite, finite_array, non_negative, store
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,12 +33,15 @@ class ExternalForce:
 
     def __post_init__(self) -> None:
         """Check every argument."""
-        finite("f", self.f, "m/s^2")
-        non_negative("Omega", self.Omega, "rad/s")
+        store(
+            self,
+            f=finite("f", self.f, "m/s^2"),
+            Omega=non_negative("Omega", self.Omega, "rad/s"),
+        )
 
     def phasor(self, t: ArrayLike) -> Phasor:
         """Return sine and cosine of ``Omega t`` at `t` [s], arrays (n,)."""
-        angle = self.Omega * np.asarray(t, dtype=np.float64)
+        angle = self.Omega * finite_array("t", t, "s")
         return Phasor(np.sin(angle), np.cos(angle))
 
     def value(self, t: ArrayLike) -> NDArray[np.float64]:

@@ -24,11 +24,20 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.physics.validation import finite, known, non_negative, positive, whole
+from qcar_env.physics.validation import (
+    finite,
+    finite_array,
+    known,
+    non_negative,
+    positive,
+    store,
+    whole,
+)
 
 Profile = Literal["harmonic", "hump", "train", "step"]
 ENDLESS = 1e30  # [s] duration of a step; finite, so that 0 * ENDLESS is 0
 PROFILES: tuple[Profile, ...] = ("harmonic", "hump", "train", "step")
+MOST_HUMPS = 1_000_000  # of a train, chosen here: its two million kinks are listed in a second
 COUNTS: dict[str, int] = {"harmonic": 0, "hump": 1, "step": 1}  # a train has any number
 
 
@@ -103,7 +112,7 @@ class Road:
     gap : float
         Flat stretch between the humps of a train, in lengths of a hump [-].
     count : int
-        Number of humps: 0 for a harmonic road, 1 for a hump or a step.
+        Number of humps: 0 for a harmonic road, 1 for a hump or a step, 1 to 1 000 000 for a train.
 
     Raises
     ------
@@ -120,22 +129,32 @@ class Road:
 
     def __post_init__(self) -> None:
         """Check every argument."""
-        known("road profile", self.profile, PROFILES)
-        finite("hump height h", self.h, "m")
-        finite("start", self.start, "s")
-        non_negative("gap", self.gap)
-        if self.profile == "train":
-            whole("count", self.count)
-        elif self.count != COUNTS[self.profile]:
+        profile = known("road profile", self.profile, PROFILES)
+        count = whole("count", self.count, 1 if profile == "train" else 0, MOST_HUMPS)
+        if count != COUNTS.get(profile, count):
             raise ValueError(
-                f"count of a {self.profile} road must be {COUNTS[self.profile]}, "
-                f"got {self.count}; make the road with roads.{self.profile}"
+                f"count of a {profile} road must be {COUNTS[profile]}, "
+                f"got {count}; make the road with roads.{profile}"
             )
-        if self.profile == "step":
-            if self.omega != 0.0:
-                raise ValueError(f"a step has no frequency, got omega={self.omega} rad/s; give 0")
-        else:
-            positive("omega", self.omega, "rad/s")
+        omega = finite("omega", self.omega, "rad/s")
+        if profile != "step":
+            positive("omega", omega, "rad/s")
+        elif omega != 0.0:
+            raise ValueError(f"a step has no frequency, got omega={omega} rad/s; give 0")
+        store(
+            self,
+            profile=profile,
+            h=finite("hump height h", self.h, "m"),
+            omega=omega,
+            start=finite("start", self.start, "s"),
+            gap=non_negative("gap", self.gap),
+            count=count,
+        )
+        if profile in ("hump", "train") and not math.isfinite(self.end):
+            raise ValueError(
+                f"the last hump must end at a finite time, got omega={omega:g} rad/s, "
+                f"gap={self.gap:g}, start={self.start:g} s; give a larger omega or a smaller gap"
+            )
 
     @property
     def duration(self) -> float:
@@ -162,6 +181,8 @@ class Road:
 
     def kinks(self, t_start: float, t_end: float) -> list[float]:
         """Return the times in ``(t_start, t_end)`` [s] at which a piece begins or ends."""
+        finite("t_start", t_start, "s")
+        finite("t_end", t_end, "s")
         found: list[float] = []
         pieces = self.pieces
         index = 0
@@ -173,6 +194,7 @@ class Road:
 
     def next_kink(self, t: float) -> int:
         """Return the index of the first kink later than `t` [s] (see `kink_time`)."""
+        finite("t", t, "s")
         pieces = self.pieces
         index = 0
         while kink_time(index, pieces) <= t:
@@ -187,13 +209,14 @@ class Road:
         The piece is found by the same `kink_time` that the integrators stop at, so that a hump's
         end is the first instant of the flat road to the last bit.
         """
-        time = np.asarray(t, dtype=np.float64)
+        time = finite_array("t", t, "s")
         if self.profile == "harmonic":
             angle = self.omega * time
             return Phasor(np.sin(angle), np.cos(angle))
         if self.profile == "step":
             return Phasor(np.where(time >= self.start, 1.0, 0.0), np.zeros_like(time))
-        edges = np.array([kink_time(i, self.pieces) for i in range(2 * self.count)])
+        pieces = self.pieces
+        edges = np.array([kink_time(i, pieces) for i in range(2 * self.count)])
         index = np.searchsorted(edges, time, side="right")  # kinks that have happened
         on = index % 2 == 1
         local = time - edges[np.maximum(index - 1, 0)]
@@ -284,7 +307,6 @@ def train(
     gap : float
         Flat stretch between two humps, in lengths of a hump [-].
     """
-    whole("count", count)
     return Road(
         profile="train", h=h, omega=_frequency(omega, V, L), start=start, gap=gap, count=count
     )

@@ -10,6 +10,8 @@ from hypothesis import assume, given, strategies as st
 
 from qcar_env.control import CNVC, LAWS, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import Law
+from qcar_env.control.lqr import Weights
+from qcar_env.control.skyhook import Groundhook, Hybrid, Skyhook
 from qcar_env.physics import closed_loop, linear
 from qcar_env.physics.car import QuarterCar
 from qcar_env.physics.closed_loop import REST, ControlledState, Limits, saturate
@@ -341,3 +343,14 @@ def test_a_filter_must_have_a_frequency_and_damping(law, name):
 def test_a_gain_must_be_finite(law, name, value):
     with pytest.raises(ValueError, match=f"{name} must be finite, got {value}"):
         law(**{name: value})
+
+
+@pytest.mark.parametrize("law", [CNVC, LNVC, NDF, PD, PPF, Hybrid, Skyhook, Groundhook, Weights])
+@pytest.mark.parametrize("kind", [np.array, np.float32, int])
+def test_gains_are_kept_as_plain_floats(law, kind):
+    names = [each.name for each in dataclasses.fields(law)]
+    plain, given_ = (law(**dict.fromkeys(names, each)) for each in (2.0, kind(2)))
+    assert (given_, hash(given_), repr(given_)) == (plain, hash(plain), repr(plain))
+    for value in (10**400, np.ones(2), "2"):
+        with pytest.raises(ValueError, match=rf"{names[-1]} must be .*, got .*; give a finite"):
+            law(**{names[-1]: value})

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
@@ -116,3 +117,17 @@ def test_one_mass_alone_is_refused(given_mass):
 def test_a_given_mass_must_be_positive():
     with pytest.raises(ValueError, match="m2 must be positive, got -300 kg"):
         QuarterCar(**PAPER, m1=60.0, m2=-300.0)
+
+
+def test_a_car_of_numpys_numbers_is_the_one_of_plain_numbers():
+    plain = QuarterCar.from_physical(**MATHWORKS)
+    given_ = QuarterCar.from_physical(**{name: np.array(each) for name, each in MATHWORKS.items()})
+    rebuilt = QuarterCar(**{k: np.array(v) for k, v in dataclasses.asdict(plain).items()})
+    for each in (given_, rebuilt):
+        assert (each, hash(each), repr(each)) == (plain, hash(plain), repr(plain))
+
+
+@pytest.mark.parametrize("name", ["omega1", "omega2"])
+def test_a_stiffness_must_be_finite_too(name):
+    with pytest.raises(ValueError, match=rf"^{name}\^2 must be finite, got inf 1/s\^2; give a fin"):
+        QuarterCar(**PAPER | {name: 1e200})

@@ -47,3 +47,16 @@ def test_it_must_be_finite(value):
 def test_its_frequency_must_not_be_negative():
     with pytest.raises(ValueError, match="Omega must not be negative, got -1 rad/s; give 0"):
         ExternalForce(f=1.0, Omega=-1.0)
+
+
+@pytest.mark.parametrize("t", [None, math.nan, math.inf, "now", [0.0, math.nan]])
+@pytest.mark.parametrize("method", ["value", "rate", "phasor"])
+def test_a_time_must_be_finite(method, t):
+    with pytest.raises(ValueError, match=r"^t must be finite \[s\], got .*; give a finite number"):
+        getattr(ExternalForce(f=1.0, Omega=55.0), method)(t)
+
+
+def test_it_holds_plain_floats():
+    given_ = ExternalForce(f=np.array(2), Omega=np.float32(55.0))
+    assert repr(given_) == "ExternalForce(f=2.0, Omega=55.0)"
+    assert hash(given_) == hash(ExternalForce(f=2, Omega=55))

@@ -213,6 +213,47 @@ def test_a_train_has_a_whole_number_of_humps(count):
         roads.train(h=0.1, omega=5.0, count=count, gap=1.0)
 
 
+@pytest.mark.parametrize("count", [1_000_001, 10**9, 10**30])
+def test_a_train_does_not_have_more_humps_than_can_be_listed(count):
+    with pytest.raises(ValueError, match=f"count must be at most 1000000, got {count}; give 1 to"):
+        roads.train(h=0.1, omega=5.0, count=count, gap=1.0)
+
+
+def test_a_train_whose_count_is_a_float_is_the_one_whose_count_is_an_int():
+    given_, expected = (roads.train(h=0.1, omega=5.0, count=n, gap=1.0) for n in (5.0, 5))
+    assert (given_, hash(given_), repr(given_)) == (expected, hash(expected), repr(expected))
+    assert given_.height([0.0, 1.0]).tolist() == expected.height([0.0, 1.0]).tolist()
+
+
+def test_a_road_of_numpys_numbers_is_the_one_of_plain_numbers():
+    numbers = {"h": 0.5, "omega": 5.0, "start": 1.0, "gap": 2.0, "count": 3}
+    road = Road(profile="train", **numbers)
+    for kind in (np.array, np.float64, np.float32):
+        other = Road(profile=np.str_("train"), **{k: kind(v) for k, v in numbers.items()})
+        assert (other, hash(other), repr(other)) == (road, hash(road), repr(road))
+
+
+@pytest.mark.parametrize("numbers", [{"gap": 1e308}, {"gap": 1.0, "omega": 1e-320}])
+def test_a_train_ends_at_a_finite_time(numbers):
+    with pytest.raises(ValueError, match=r"last hump must end at a finite time, got omega=.* gap="):
+        roads.train(**{"h": 0.1, "count": 9, "omega": 1.0, **numbers})
+
+
+@pytest.mark.parametrize("t", [None, math.nan, math.inf, -math.inf, "now"])
+@pytest.mark.parametrize("method", ["height", "rate", "phasor", "next_kink"])
+def test_a_time_is_finite(method, t):
+    road = roads.train(h=0.1, omega=5.0, count=2, gap=1.0)
+    for each in [road, roads.harmonic(h=0.1, omega=5.0), roads.step(h=0.1)]:
+        with pytest.raises(ValueError, match=rf"^t must be .*, got {t!r}.*; give a finite number"):
+            getattr(each, method)(t)
+
+
+@pytest.mark.parametrize("times", [(math.nan, 1.0), (0.0, None), (0.0, math.inf)])
+def test_kinks_are_listed_between_finite_times(times):
+    with pytest.raises(ValueError, match=r"t_(start|end) must be .*, got .*; give a finite number"):
+        roads.hump(h=0.1, omega=5.0).kinks(*times)
+
+
 def test_a_gap_must_not_be_negative():
     with pytest.raises(ValueError, match=r"gap must not be negative, got -0\.5; give 0 or more"):
         roads.train(h=0.1, omega=5.0, count=2, gap=-0.5)
