@@ -170,7 +170,6 @@ class Crossings:
     def left(self, x: Array) -> NDArray[np.bool_]:
         """Return which cars have left their travel limits, shape (n,)."""
         scales = self._scales
-        scales = self._scales
         inside = (np.abs(x[:, 0] * scales.x1) <= scales.travel) & (
             np.abs(x[:, 1] * scales.x2) <= scales.travel
         )
@@ -208,11 +207,17 @@ def batch_rollout(
     Raises
     ------
     ValueError
-        If the policy returns actions of the wrong shape or not a number, or see `Crossings`.
+        If the duration holds no control interval, the policy returns actions of the wrong
+        shape or not a number, or see `Crossings`.
     """
     cars = Crossings(episodes, observe=observe, observe_limit=observe_limit)
     n = len(cars.episodes)
     steps = round(positive("duration", duration, "s") / cars.dt)
+    if steps < 1:
+        raise ValueError(
+            f"duration must hold a control interval, got {duration:g} s with dt = {cars.dt:g} s; "
+            f"give {cars.dt:g} s or more"
+        )
     states = np.empty((steps, n, 4))
     force = np.empty((steps, n, cars.actions))
     x = cars.start_states
@@ -275,7 +280,7 @@ def steady_amplitudes(rollout: BatchRollout, periods: int) -> Array:
         if count > len(rollout.t):
             raise ValueError(
                 f"crossings must hold {periods} periods ({count * each.scenario.dt:.3g} s), got "
-                f"{rollout.t[-1]:.3g} s; roll out longer"
+                f"{len(rollout.t) * each.scenario.dt:.3g} s; roll out longer"
             )
         found[j] = np.abs(rollout.x[-count:, j, :2]).max(axis=0)
     return found

@@ -24,13 +24,32 @@ def percentage_error(uncontrolled: float, controlled: float) -> float:
     -----
     Table 1 of the paper. It divides by the controlled amplitude, so that it has no upper bound:
     2556 % is a reduction of 96.2 %.
+
+    Raises
+    ------
+    ValueError
+        If an amplitude is negative.
     """
+    _check_amplitudes(uncontrolled, controlled)
     return (uncontrolled - controlled) / controlled * 100.0 if controlled else math.inf
 
 
 def reduction_db(uncontrolled: float, controlled: float) -> float:
-    """Return how far the amplitude lies below the uncontrolled one, ``20 log10(vA1/vA2)`` [dB]."""
-    return 20.0 * math.log10(uncontrolled / controlled) if controlled else math.inf
+    """Return how far the amplitude lies below the uncontrolled one, ``20 log10(vA1/vA2)`` [dB].
+
+    It is infinite where control leaves nothing, and minus infinity where control alone moves the
+    mass or its amplitude is infinite.
+
+    Raises
+    ------
+    ValueError
+        If an amplitude is negative.
+    """
+    _check_amplitudes(uncontrolled, controlled)
+    if not controlled:
+        return math.inf
+    ratio = uncontrolled / controlled
+    return 20.0 * math.log10(ratio) if ratio else -math.inf
 
 
 def last_periods(t: ArrayLike, omega: float, periods: int = 5) -> slice:
@@ -52,9 +71,9 @@ def last_periods(t: ArrayLike, omega: float, periods: int = 5) -> slice:
     Raises
     ------
     ValueError
-        If the record is shorter than that.
+        If the record is empty or shorter than that.
     """
-    time = np.asarray(t, dtype=np.float64)
+    time = _row("t", t)
     length = whole("periods", periods) * 2.0 * math.pi / positive("omega", omega, "rad/s")
     samples, held = len(time), float(time[-1] - time[0])
     count = math.ceil(length * (samples - 1) / held - 1e-9) if held > 0.0 else samples + 1
@@ -67,13 +86,26 @@ def last_periods(t: ArrayLike, omega: float, periods: int = 5) -> slice:
 
 
 def steady_amplitude(t: ArrayLike, x: ArrayLike, omega: float, periods: int = 5) -> float:
-    """Return the largest ``|x|`` over the last whole periods [m] (arguments: `last_periods`)."""
-    return float(np.max(np.abs(np.asarray(x)[last_periods(t, omega, periods)])))
+    """Return the largest ``|x|`` over the last whole periods [m] (arguments: `last_periods`).
+
+    Raises
+    ------
+    ValueError
+        If `x`, array (k,), has not as many samples as `t`, or see `last_periods`.
+    """
+    _, values = _record(t, "x", x)
+    return float(np.max(np.abs(values[last_periods(t, omega, periods)])))
 
 
 def rms(values: ArrayLike) -> float:
-    """Return the root mean square of `values`, array (k,), in their own unit."""
-    array = np.asarray(values, dtype=np.float64)
+    """Return the root mean square of `values`, array (k,), in their own unit.
+
+    Raises
+    ------
+    ValueError
+        If there are none.
+    """
+    array = _row("values", values)
     return float(np.sqrt(np.mean(array * array)))
 
 
@@ -92,13 +124,47 @@ def settling_time(t: ArrayLike, envelope: ArrayLike, band: float = 0.05) -> floa
     Returns
     -------
     float
-        Time since `t[0]` [s].
+        Time since `t[0]` [s]; infinite for a motion that diverges, whose envelope does not stay
+        finite.
+
+    Raises
+    ------
+    ValueError
+        If there is no sample, the lengths differ, or the band is not positive.
     """
-    time = np.asarray(t, dtype=np.float64)
-    values = np.asarray(envelope, dtype=np.float64)
+    positive("band", band)
+    time, values = _record(t, "envelope", envelope)
+    if not np.all(np.isfinite(values)):
+        return math.inf
     final = float(np.mean(values[-max(1, len(values) // 20) :]))
     # an envelope that does not change differs from its own mean by a rounding error
     width = max(band * abs(float(values[0]) - final), 1e-12 * abs(final))
     outside = np.flatnonzero(np.abs(values - final) > width)
     last = int(outside[-1]) + 1 if outside.size else 0
     return float(time[min(last, len(time) - 1)] - time[0])
+
+
+def _check_amplitudes(uncontrolled: float, controlled: float) -> None:
+    for name, value in (("uncontrolled", uncontrolled), ("controlled", controlled)):
+        if value < 0.0:
+            raise ValueError(
+                f"{name} amplitude must not be negative, got {value:g} m; give 0 m or more"
+            )
+
+
+def _record(t: ArrayLike, name: str, values: ArrayLike) -> tuple[Array, Array]:
+    time, array = _row("t", t), _row(name, values)
+    if len(array) != len(time):
+        raise ValueError(
+            f"{name} must have the {len(time)} samples of t, got {len(array)}; give one for each"
+        )
+    return time, array
+
+
+def _row(name: str, values: ArrayLike) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim != 1 or not array.size:
+        raise ValueError(
+            f"{name} must be a row of numbers, got shape {array.shape}; give at least one"
+        )
+    return array

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from qcar_env.physics.validation import whole
+from qcar_env.physics.validation import finite, whole
 
 Array = NDArray[np.float64]
 Statistic = Callable[[Array], Array]
@@ -45,16 +45,21 @@ def iqm(values: ArrayLike) -> Array:
     ndarray (...)
         Mean of what is left when the lowest and the highest quarter are dropped, each rounded
         down to whole values, as in `scipy.stats.trim_mean`.
+
+    Raises
+    ------
+    ValueError
+        If there is no value.
     """
-    ordered = np.sort(np.asarray(values, dtype=np.float64), axis=-1)
+    ordered = np.sort(_some(values), axis=-1)
     n = ordered.shape[-1]
     drop = n // 4
     return ordered[..., drop : n - drop].mean(axis=-1)
 
 
 def mean(values: ArrayLike) -> Array:
-    """Return the mean along the last axis, shape (...)."""
-    return np.asarray(values, dtype=np.float64).mean(axis=-1)
+    """Return the mean along the last axis, shape (...) (arguments and errors: `iqm`)."""
+    return _some(values).mean(axis=-1)
 
 
 def bootstrap(
@@ -146,11 +151,15 @@ def improvement_interval(
     ValueError
         If the numbers of strata differ, or see `bootstrap`.
     """
+    whole("resamples", resamples)
+    _check_level(level)
     if len(better) != len(worse):
         raise ValueError(
-            f"both policies must have the same strata, got {len(better)} and {len(worse)}"
+            f"both policies must have the same strata, got {len(better)} and {len(worse)}; "
+            "give one group of values each for every stratum"
         )
-    whole("resamples", resamples)
+    if not len(better):
+        raise ValueError("strata must not be empty; give at least one group of values")
     total = np.zeros(resamples)
     value = 0.0
     for one, other in zip(better, worse, strict=True):
@@ -203,8 +212,18 @@ def share_interval(
 
 
 def _check_level(level: float) -> None:
-    if not 0.0 < level < 1.0:
+    if not 0.0 < finite("level", level) < 1.0:
         raise ValueError(f"level must lie between 0 and 1, got {level}; give 0.95")
+
+
+def _some(given: ArrayLike) -> Array:
+    values = np.asarray(given, dtype=np.float64)
+    if not values.ndim or not values.shape[-1]:
+        raise ValueError(
+            f"values must have entries along the last axis, got shape {values.shape}; "
+            "give at least one"
+        )
+    return values
 
 
 def _values(given: ArrayLike) -> Array:

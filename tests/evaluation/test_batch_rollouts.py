@@ -144,3 +144,13 @@ def test_the_uncontrolled_car_keeps_all_of_its_vibration():
     found = steady_rho(batch_rollout(nothing, cases, duration=60.0), 20)
     # 60 s from rest: exp(-0.209 * 60) = 4e-6 is missing; 457 phases miss a peak by 2e-5.
     np.testing.assert_allclose(found, 1.0, atol=1e-4)
+
+
+def test_crossings_shorter_than_a_control_interval_are_refused():
+    crossing = episodes(BUDGET, force_scale=1.0, count=1)
+    message = r"duration must hold a control interval, got 0.001 s with dt = 0.005 s; give 0.005 s"
+    with pytest.raises(ValueError, match=message):
+        batch_rollout(Constant([0.0, 0.0]), crossing, duration=1e-3)
+    shortest = batch_rollout(Constant([0.0, 0.0]), crossing, duration=5e-3)
+    with pytest.raises(ValueError, match=r"crossings must hold 1 periods .* got 0.005 s; roll out"):
+        steady_amplitudes(shortest, 1)

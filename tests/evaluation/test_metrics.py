@@ -36,6 +36,47 @@ def test_perfect_control_has_no_finite_measure():
     assert metrics.reduction_db(1.0, 0.0) == math.inf
 
 
+def test_control_that_alone_moves_the_mass_has_no_finite_measure_either():
+    assert metrics.reduction_db(0.0, 1.0) == -math.inf
+    assert metrics.reduction_db(1.0, math.inf) == -math.inf
+    assert metrics.percentage_error(0.0, 1.0) == -100.0
+
+
+@pytest.mark.parametrize("measure", [metrics.reduction_db, metrics.percentage_error])
+def test_an_amplitude_is_not_negative(measure):
+    with pytest.raises(ValueError, match="uncontrolled amplitude must not be negative, got -1 m"):
+        measure(-1.0, 1.0)
+    with pytest.raises(ValueError, match=r"^controlled amplitude must not .* got -2 m; give 0 m"):
+        measure(1.0, -2.0)
+
+
+@pytest.mark.parametrize(
+    ("measure", "message"),
+    [
+        (lambda: metrics.last_periods([], 55.0), r"t must be a row of numbers, got shape \(0,\)"),
+        (lambda: metrics.last_periods(1.0, 55.0), r"t must be a row of numbers, got shape \(\)"),
+        (lambda: metrics.rms([]), r"values must be a row of numbers, got shape \(0,\); give"),
+        (
+            lambda: metrics.steady_amplitude(np.arange(100.0), np.zeros(99), 1.0),
+            "x must have the 100 samples of t, got 99; give one for each",
+        ),
+        (lambda: metrics.settling_time([], []), r"t must be a row of numbers, got shape \(0,\)"),
+        (lambda: metrics.settling_time([0.0, 1.0], [1.0]), "envelope must have the 2 samples"),
+        (lambda: metrics.settling_time([0.0], [1.0], 0.0), "band must be positive, got 0"),
+    ],
+)
+def test_a_record_must_have_samples(measure, message):
+    with pytest.raises(ValueError, match=message):
+        measure()
+
+
+@pytest.mark.parametrize("end", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("finite", [0, 5, 9])
+def test_what_diverges_never_settles(finite, end):
+    envelope = np.r_[np.ones(finite), np.full(10 - finite, end)]
+    assert metrics.settling_time(np.arange(10.0), envelope) == math.inf
+
+
 @given(
     omega=st.floats(1.0, 100.0),
     periods=st.integers(1, 8),

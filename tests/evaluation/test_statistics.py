@@ -103,3 +103,28 @@ def test_bad_values_are_refused():
         bootstrap([[1.0]], mean, rng, level=95.0)
     with pytest.raises(ValueError, match="same strata"):
         improvement_interval([[1.0]], [], rng)
+
+
+@pytest.mark.parametrize("statistic", [iqm, mean])
+@pytest.mark.parametrize("values", [[], np.empty((3, 0)), 1.0], ids=["empty", "empty rows", "bare"])
+def test_a_statistic_of_nothing_is_refused(statistic, values):
+    with pytest.raises(
+        ValueError, match=r"values must have entries .* got shape .*; give at least"
+    ):
+        statistic(values)
+
+
+@pytest.mark.parametrize(
+    ("better", "worse", "options", "message"),
+    [
+        ([], [], {}, "strata must not be empty; give at least one group"),
+        ([[1.0]], [], {}, "must have the same strata, got 1 and 0; give one group"),
+        ([[1.0]], [[2.0]], {"level": 2.0}, "level must lie between 0 and 1, got 2.0; give 0.95"),
+        ([[1.0]], [[2.0]], {"level": np.nan}, "level must be finite, got nan"),
+        ([[1.0]], [[2.0]], {"level": None}, "level must be a number, got None"),
+        ([[1.0]], [[2.0]], {"resamples": 0}, "resamples must be at least 1, got 0"),
+    ],
+)
+def test_the_improvement_of_nothing_is_refused(better, worse, options, message):
+    with pytest.raises(ValueError, match=message):
+        improvement_interval(better, worse, np.random.default_rng(0), **options)
