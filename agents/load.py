@@ -107,6 +107,11 @@ def load(agent: str | Path) -> Agent:
         If there is no such agent (the message lists those that there are), or its files are
         damaged.
     """
+    if not isinstance(agent, (str, Path)):
+        raise ValueError(
+            f"agent must be a name or a folder, got {agent!r}; give a run folder or one of: "
+            f"{', '.join(names())}"
+        )
     folder = Path(agent)
     if isinstance(agent, str) and not folder.is_dir():
         if folder.parent != Path("."):

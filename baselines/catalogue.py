@@ -17,7 +17,7 @@ from qcar_env.control import LAWS
 from qcar_env.control.lqr import Weights
 from qcar_env.control.skyhook import Groundhook, Hybrid, Skyhook
 from qcar_env.evaluation.policy import Policy
-from qcar_env.physics.validation import finite, known
+from qcar_env.physics.validation import finite, known, positive
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 
 from .internal_model_policy import InternalModelPolicy
@@ -159,7 +159,8 @@ def make(name: str, scenario: str | Scenario = "paper", **gains: float) -> Any:
 
 
 def gain_names(name: str) -> tuple[str, ...]:
-    """Return the names of a baseline's gains."""
+    """Return the names of a baseline's gains (errors: `describe`)."""
+    known("baseline", name, everything())
     if name in LAW_POLICIES:
         return tuple(field.name for field in dataclasses.fields(LAW_POLICIES[name]))
     if name in WITHOUT_PUBLISHED:
@@ -174,6 +175,11 @@ def describe(name: str) -> dict[str, Any]:
     -------
     dict
         `name`; `reads`, ``"feedback"`` or ``"full"``; `needs`, in words; `gains`.
+
+    Raises
+    ------
+    ValueError
+        If the name is unknown; the message gives the nearest one.
     """
     known("baseline", name, everything())
     needs = NEEDS.get(name, STATE)
@@ -213,7 +219,8 @@ def tuned() -> tuple[tuple[str, str, float], ...]:
 
 def stored(name: str, track: str, force_scale: float) -> dict[str, Any]:
     """Return all that is stored with tuned gains (arguments and errors: `make_tuned`)."""
-    key = (name, track, float(force_scale))
+    known("baseline", name, everything())
+    key = (name, track, positive("force_scale", force_scale))
     if key not in _stored():
         there = sorted({entry[0] for entry in _stored() if entry[1:] == key[1:]})
         raise ValueError(

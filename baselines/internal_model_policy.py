@@ -13,6 +13,7 @@ from qcar_env.envs import task
 from qcar_env.scenarios import Scenario
 
 from .linear_policy import sampled_plant
+from .observation import entries_of
 
 
 class InternalModelPolicy:
@@ -63,14 +64,9 @@ class InternalModelPolicy:
         Raises
         ------
         ValueError
-            If the observation has fewer than four entries.
+            If the observation is not (n, k) or (k,), or has fewer than four entries.
         """
-        entries = np.asarray(observation, dtype=np.float64)
-        if entries.shape[-1] < task.FEEDBACK_SIZE:
-            raise ValueError(
-                f"observation must have at least {task.FEEDBACK_SIZE} entries, got "
-                f"{entries.shape[-1]}; make the environment with observe='feedback' or 'full'"
-            )
+        entries = entries_of(observation, task.FEEDBACK_SIZE)
         x = np.atleast_2d(entries)[:, : task.FEEDBACK_SIZE]
         model = self._model
         fresh = np.hstack([x, np.zeros((len(x), len(model.transition) - 4))])

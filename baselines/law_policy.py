@@ -13,6 +13,8 @@ from qcar_env.envs import task
 from qcar_env.physics.state import Filter, State
 from qcar_env.scenarios import Scenario
 
+from .observation import entries_of
+
 Array = NDArray[np.float64]
 
 
@@ -81,14 +83,9 @@ class LawPolicy:
         Raises
         ------
         ValueError
-            If the observation has fewer than four entries.
+            If the observation is not (n, k) or (k,), or has fewer than four entries.
         """
-        entries = np.asarray(observation, dtype=np.float64)
-        if entries.shape[-1] < task.FEEDBACK_SIZE:
-            raise ValueError(
-                f"observation must have at least {task.FEEDBACK_SIZE} entries, got "
-                f"{entries.shape[-1]}; make the environment with observe='feedback' or 'full'"
-            )
+        entries = entries_of(observation, task.FEEDBACK_SIZE)
         x = np.atleast_2d(entries)[:, : task.FEEDBACK_SIZE] / self._unit
         if self.law.filter_rate is None:
             memory = None

@@ -12,6 +12,8 @@ from qcar_env.control.lqr import Weights
 from qcar_env.envs import task
 from qcar_env.scenarios import Scenario
 
+from .observation import entries_of
+
 Array = NDArray[np.float64]
 
 
@@ -35,7 +37,11 @@ class LinearPolicy:
     def __init__(self, gain: ArrayLike, name: str) -> None:
         self.gain = np.atleast_2d(np.asarray(gain, dtype=np.float64))
         sizes = (task.FEEDBACK_SIZE, task.FULL_SIZE)
-        if self.gain.shape[1] not in sizes or not np.all(np.isfinite(self.gain)):
+        if (
+            self.gain.ndim != 2
+            or self.gain.shape[1] not in sizes
+            or not np.all(np.isfinite(self.gain))
+        ):
             raise ValueError(
                 f"gain must be a finite matrix with {sizes[0]} or {sizes[1]} columns, got shape "
                 f"{self.gain.shape}; give one column for each entry of the observation"
@@ -55,15 +61,10 @@ class LinearPolicy:
         Raises
         ------
         ValueError
-            If the observation has too few entries.
+            If the observation is not (n, k) or (k,), or has too few entries.
         """
-        entries = np.asarray(observation, dtype=np.float64)
         count = self.gain.shape[1]
-        if entries.shape[-1] < count:
-            raise ValueError(
-                f"observation must have at least {count} entries, got {entries.shape[-1]}; "
-                f"make the environment with observe={self.reads!r}"
-            )
+        entries = entries_of(observation, count)
         action = np.clip(entries[..., :count] @ self.gain.T, -1.0, 1.0)
         return action.astype(np.float32), None
 

@@ -18,6 +18,7 @@ from qcar_env.physics import linear
 from qcar_env.scenarios import Scenario
 
 from .linear_policy import sampled_plant
+from .observation import entries_of
 
 Array = NDArray[np.float64]
 
@@ -92,20 +93,24 @@ class MPCPolicy:
         Raises
         ------
         ValueError
-            If the observation has fewer than eight entries.
+            If the observation is not (n, k) or (k,), has fewer than eight entries, or is not
+            finite.
         RuntimeError
             If a program is not solved.
         """
-        entries = np.asarray(observation, dtype=np.float64)
-        if entries.shape[-1] < task.FULL_SIZE:
-            raise ValueError(
-                f"observation must have at least {task.FULL_SIZE} entries, got "
-                f"{entries.shape[-1]}; make the environment with observe='full'"
-            )
+        entries = entries_of(observation, task.FULL_SIZE)
         seen = np.atleast_2d(entries)
+        if not np.isfinite(seen).all():
+            raise ValueError(
+                f"observation must be finite, got {seen[~np.isfinite(seen).all(axis=1)][0]}; "
+                "give what the environment returns"
+            )
         n = len(seen)
         program = self._program
         size = len(program.H)
+        if not n:
+            nothing = np.empty((0, size))
+            return np.empty((0, self._actions), dtype=np.float32), (nothing, nothing)
         # The phasors (s, c) and (S, C) of road and force; F' / (f Omega) is -S.
         world = np.stack([seen[:, 4], seen[:, 5], -seen[:, 7], seen[:, 6]], axis=1)
         phase = np.arctan2(seen[:, 4], seen[:, 5])

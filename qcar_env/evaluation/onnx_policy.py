@@ -84,9 +84,15 @@ class OnnxPolicy:
         Raises
         ------
         ValueError
-            If the observation has the wrong size.
+            If the observation is not (n, k) or (k,), or has the wrong size.
         """
-        seen = np.asarray(observation, dtype=np.float32)
+        try:
+            seen = np.asarray(observation, dtype=np.float32)
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"observation of {self.name} must be numbers (n, k) or (k,), got "
+                f"{type(observation).__name__} ({error}); give what the environment returns"
+            ) from None
         size = seen.shape[-1] if seen.ndim else 0
         wider = self.size == task.FEEDBACK_SIZE and size >= task.FULL_SIZE
         if seen.ndim not in (1, 2) or (size != self.size and not wider):
@@ -98,4 +104,5 @@ class OnnxPolicy:
             )
         batch = np.ascontiguousarray(seen.reshape(-1, size)[:, : self.size])
         action = np.asarray(self._session.run(None, {self._input.name: batch})[0])
-        return action.reshape(*seen.shape[:-1], -1), None
+        size = -1 if action.size else action.shape[-1]
+        return action.reshape(*seen.shape[:-1], size), None

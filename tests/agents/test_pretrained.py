@@ -78,3 +78,19 @@ def test_a_shipped_policy_says_nothing_of_the_machine_that_made_it(name):
     content = (PRETRAINED / name / "policy.onnx").read_bytes()
     assert b"stack_trace" not in content
     assert b'File "' not in content
+
+
+@pytest.mark.parametrize("agent", [None, 3, "sac-papr", "nowhere/sac"])
+def test_what_is_no_agent_is_refused_with_the_list(agent):
+    with pytest.raises(ValueError, match=rf"{agent!s}.*sac-paper"):
+        load(agent)
+
+
+def test_no_cars_get_no_actions():
+    assert load("sac-paper").predict(np.zeros((0, 8)))[0].shape == (0, 2)
+
+
+@pytest.mark.parametrize("observation", [None, "none", np.zeros(3), np.zeros((1, 2, 8))])
+def test_what_is_no_observation_is_refused(observation):
+    with pytest.raises(ValueError, match=r"observation of .* must .*, got"):
+        load("sac-paper").predict(observation)

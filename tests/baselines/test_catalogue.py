@@ -36,7 +36,11 @@ def test_gains_replace_the_published_ones():
     assert catalogue.make("ndf", zeta1=0.5, G2=3.0).law == LAWS["ndf"](zeta1=0.5, G2=3.0)
 
 
-@pytest.mark.parametrize("call", [catalogue.make, catalogue.describe])
+def stored(name):
+    return catalogue.stored(name, "paper", 1.0)
+
+
+@pytest.mark.parametrize("call", [catalogue.make, catalogue.describe, catalogue.gain_names, stored])
 def test_an_unknown_baseline_gets_the_nearest_name(call):
     with pytest.raises(ValueError, match=r"unknown baseline 'cnvcc'; did you mean 'cnvc'\? Known:"):
         call("cnvcc")
@@ -57,3 +61,9 @@ def test_a_gain_out_of_range_is_refused():
 def test_an_unknown_scenario_is_refused():
     with pytest.raises(ValueError, match="unknown scenario 'papr'; did you mean 'paper'"):
         catalogue.make("cnvc", "papr")
+
+
+@pytest.mark.parametrize("scale", [None, -0.5, float("nan"), "1"])
+def test_tuned_gains_are_at_a_force_scale(scale):
+    with pytest.raises(ValueError, match=rf"force_scale must be .*, got {scale!r}"):
+        catalogue.stored("lnvc", "paper", scale)

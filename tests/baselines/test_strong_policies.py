@@ -106,6 +106,41 @@ def test_a_short_observation_is_refused(name):
         policy.predict(np.zeros(3, dtype=np.float32))
 
 
+@pytest.mark.parametrize(
+    ("observation", "message"),
+    [
+        (None, r"observation must have shape \(n, k\) or \(k,\), got \(\); give what the env"),
+        (np.zeros((1, 2, 8)), r"observation must have shape .* got \(1, 2, 8\); give what"),
+        ("none", r"observation must be numbers .* got str .*; give what the environment returns"),
+        ([[0.0] * 8, [0.0]], r"observation must be numbers .* got list .*; give what the env"),
+    ],
+    ids=["nothing", "rank 3", "a word", "ragged"],
+)
+@pytest.mark.parametrize("name", ["cnvc", "ndf", "lqr", "lqr-feedforward", "lqr-model", "mpc"])
+def test_what_is_no_observation_is_refused(name, observation, message):
+    with pytest.raises(ValueError, match=message):
+        catalogue.make(name).predict(observation)
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_mpc_refuses_an_observation_that_is_not_finite(wrong):
+    seen = np.zeros((3, 8))
+    seen[1, 4] = wrong
+    with pytest.raises(
+        ValueError, match=rf"observation must be finite, got \[.*{wrong}.*; give what"
+    ):
+        catalogue.make("mpc").predict(seen)
+
+
+@pytest.mark.parametrize("name", ["cnvc", "ndf", "lqr", "lqr-feedforward", "lqr-model", "mpc"])
+def test_no_cars_get_no_actions(name):
+    policy = catalogue.make(name)
+    nobody = np.zeros((0, 8), dtype=np.float32)
+    actions, memory = policy.predict(nobody, episode_start=np.ones(0, dtype=bool))
+    assert actions.shape == (0, 2)
+    assert policy.predict(nobody, memory, np.zeros(0, dtype=bool))[0].dtype == np.float32
+
+
 @pytest.mark.parametrize("name", ["lqr-feedforward", "lqr-model"])
 def test_one_actuator_cannot_cancel_two_disturbances(name):
     with pytest.raises(ValueError, match="an actuator on each mass"):

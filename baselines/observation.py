@@ -1,0 +1,50 @@
+"""What a policy reads of an observation."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_env.envs import task
+
+
+def entries_of(observation: Any, size: int) -> NDArray[np.float64]:
+    """Return an observation as numbers.
+
+    Parameters
+    ----------
+    observation : array_like (n, k) or (k,)
+        Observations of n cars, or of one.
+    size : int
+        Entries that are read: the first of the k.
+
+    Returns
+    -------
+    ndarray (n, k) or (k,)
+
+    Raises
+    ------
+    ValueError
+        If it has another shape, is not numbers, or has fewer entries.
+    """
+    try:
+        entries = np.asarray(observation, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"observation must be numbers (n, k) or (k,), got {type(observation).__name__} "
+            f"({error}); give what the environment returns"
+        ) from None
+    if entries.ndim not in (1, 2):
+        raise ValueError(
+            f"observation must have shape (n, k) or (k,), got {entries.shape}; "
+            "give what the environment returns"
+        )
+    if entries.shape[-1] < size:
+        observe = "'feedback' or 'full'" if size == task.FEEDBACK_SIZE else "'full'"
+        raise ValueError(
+            f"observation must have at least {size} entries, got {entries.shape[-1]}; "
+            f"make the environment with observe={observe}"
+        )
+    return entries
