@@ -58,15 +58,21 @@ class QuarterCarHumpVecEnv(VecEnv):
         ValueError
             If there are not as many options as cars, or one is unknown or out of range.
         """
+        if len(self._options) != self.num_envs:
+            raise ValueError(
+                f"options must be one dict or {self.num_envs} of them, got {len(self._options)}; "
+                "give one for each car"
+            )
+        names = {name for each in self._options for name in each}
+        for name in names:
+            known("reset option", name, task.RESET_OPTIONS)
+        options = {name: [each.get(name) for each in self._options] for name in names}
         seeds = None if all(each is None for each in self._seeds) else self._seeds
-        found = [
-            self.vector.reset(seed=seeds, options={**options, "reset_mask": mask})[0]
-            for mask, options in self._groups()
-        ]
+        observations, _ = self.vector.reset(seed=seeds, options=options)
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
-        return found[-1]  # each holds the observations of all cars
+        return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Keep the actions for `step_wait`."""
@@ -131,30 +137,6 @@ class QuarterCarHumpVecEnv(VecEnv):
                 f"indices must be whole numbers from 0 to {self.num_envs - 1}, got {chosen}; "
                 "give indices of the batch"
             ) from None
-
-    def _groups(self) -> list[tuple[NDArray[np.bool_], dict[str, list[Any]]]]:
-        """Return the cars that have the same options, as a mask, and these with a value for each.
-
-        What a car outside the mask has is not read.
-        """
-        if len(self._options) != self.num_envs:
-            raise ValueError(
-                f"options must be one dict or {self.num_envs} of them, got {len(self._options)}; "
-                "give one for each car"
-            )
-        for name in {name for each in self._options for name in each}:
-            known("reset option", name, task.RESET_OPTIONS)
-        members: dict[frozenset[str], list[int]] = {}
-        for i, each in enumerate(self._options):
-            members.setdefault(frozenset(each), []).append(i)
-        groups: list[tuple[NDArray[np.bool_], dict[str, list[Any]]]] = []
-        for names, cars in members.items():
-            mask = np.zeros(self.num_envs, dtype=bool)
-            mask[cars] = True
-            first = self._options[cars[0]]
-            own = [each if mine else first for each, mine in zip(self._options, mask, strict=True)]
-            groups.append((mask, {name: [each[name] for each in own] for name in names}))
-        return groups
 
 
 class Car:

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from qcar_env.envs import task
 from qcar_env.physics import engine, engine_sampled
-from qcar_env.physics.engine_random import streams
 from qcar_env.physics.forcing import World
 from qcar_env.physics.motion import angle
 from qcar_env.physics.rk4 import step_fractions
@@ -28,6 +27,9 @@ DISABLED = engine_sampled.DISABLED
 NEXT_STEP = engine_sampled.NEXT_STEP
 SAME_STEP = engine_sampled.SAME_STEP
 
+
+# Cars (indices), the scenario that they draw from, and the same before a force scale.
+Group: TypeAlias = tuple[NDArray[np.intp], Scenario, Scenario]
 
 # What a control interval brings; the arrays are the caller's own. A plain tuple, as it is made in
 # each step: 0; observations (n, size); rewards (n,); terminated and
@@ -102,7 +104,7 @@ class Cars:
                 "randomisation; take method='rk4'"
             )
         self.n = whole("num_envs", n)
-        self.scenarios = [scenario]
+        self._name = scenario.name
         self.size = task.observation_size(observe, observe_limit)
         self.actions = scenario.actuator.size
         self.finals = np.empty((self.n, self.size), SHOWN)
@@ -122,7 +124,8 @@ class Cars:
         self._quiet = np.zeros(self._blocks, np.int64)
         self._waiting = np.zeros(self._blocks, np.int64)
         self._streams = np.empty((self.n, 4), np.uint64)
-        self._nominals = np.array([task.nominal_numbers(scenario, own)])
+        self._nominals = np.array([_row(scenario, own)])
+        self._numbers = {self._nominals[0].tobytes(): 0}  # of the rows of `_nominals`
         self._shared = engine.aligned((engine_sampled.SHARED,), real)
         if exact:
             self._shared[...] = _shared_numbers(scenario, self._nominals[0])
@@ -190,45 +193,54 @@ class Cars:
         self._pool = None
         self._compile()
 
-    def assign(self, cars: NDArray[np.intp], scenario: Scenario, own: Scenario) -> None:
-        """Let `cars` (indices) draw their next episodes from `scenario`.
+    @property
+    def dt(self) -> float:
+        """Control interval [s]."""
+        return self._sizes[0]
+
+    def assign(self, groups: Sequence[Group]) -> None:
+        """Let cars draw their next episodes from other scenarios.
 
         Raises
         ------
         ValueError
-            If control interval, substeps or actuators differ from those of the batch, or anything
-            does where the exact map advances the cars.
+            If control interval, substeps or actuators of one differ from those of the batch, or
+            anything does where the exact map advances the cars. Nothing has changed then.
         """
+        rows = [self._fitting(scenario, own) for _, scenario, own in groups]
+        added: list[NDArray[np.float64]] = []
+        for (cars, _, _), row in zip(groups, rows, strict=True):
+            number = self._numbers.setdefault(row.tobytes(), len(self._numbers))
+            if number == len(self._nominals) + len(added):
+                added.append(row)
+            self._which[cars] = number
+        self._nominals = np.vstack([self._nominals, *added])
+        if len(self._nominals) > 2 * self.n:  # forget scenarios that no car draws from
+            used, self._which[...] = np.unique(self._which, return_inverse=True)
+            self._nominals = self._nominals[used]
+            self._numbers = {row.tobytes(): i for i, row in enumerate(self._nominals)}
+        self._hold()
+
+    def _fitting(self, scenario: Scenario, own: Scenario) -> NDArray[np.float64]:
+        """Return the numbers of a scenario from which cars of this batch can draw."""
         given = (scenario.dt, scenario.substeps, scenario.actuator.size)
         if given != (*self._sizes, self.actions):
             raise ValueError(
                 f"scenario {scenario.name!r} has (dt, substeps, actuators) = {given}, this "
                 f"environment {(*self._sizes, self.actions)}; make a new environment for it"
             )
-        row = np.array(task.nominal_numbers(scenario, own))
-        same = np.flatnonzero((self._nominals == row).all(axis=1))
-        if same.size:
-            self._which[cars] = same[0]
-            self.scenarios[int(same[0])] = scenario
-            return
-        if self._exact:
+        row = _row(scenario, own)
+        if self._exact and row.tobytes() not in self._numbers:
             raise ValueError(
-                f"with method 'exact' all cars share scenario {self.scenarios[0].name!r} and its "
-                f"force limit, got scenario {scenario.name!r} with other numbers; make a new "
-                "environment for it, or take method='rk4'"
+                f"with method 'exact' all cars share scenario {self._name!r} and its force limit, "
+                f"got scenario {scenario.name!r} with other numbers; make a new environment for "
+                "it, or take method='rk4'"
             )
-        self._nominals = np.vstack([self._nominals, row])
-        self.scenarios.append(scenario)
-        self._hold()
-        self._which[cars] = len(self._nominals) - 1
+        return row
 
-    def scenario_of(self, car: int) -> Scenario:
-        """Return the scenario from which a car draws its episodes."""
-        return self.scenarios[int(self._which[car])]
-
-    def seed(self, cars: NDArray[np.intp], seeds: Sequence[int | None]) -> None:
-        """Seed the random streams of `cars`, as `numpy.random.PCG64` does; None: fresh entropy."""
-        self._streams[cars] = streams(seeds)
+    def seed(self, cars: NDArray[np.intp], states: NDArray[np.uint64]) -> None:
+        """Set the random streams of `cars`, see `qcar_env.physics.engine_random.streams`."""
+        self._streams[cars] = states
 
     def reset(self, mask: NDArray[np.bool_], given: ArrayLike) -> NDArray[np.float32]:
         """Begin episodes of the cars in `mask`.
@@ -308,20 +320,16 @@ class Cars:
         ]
         results = [self._step_blocks(0, 0, edges[1], mode, place)]
         results += [job.result() for job in jobs]
+        if any(each[0] for each in results):
+            raise RuntimeError("somebody has written to the actions or cars during the step")
         finished, begun = (sum(each[i] for each in results) for i in (1, 2))
         again = self._restarts(place) if begun else (None, None, None)
         return *made[:9], finished, begun, *again
 
     def _checked(self, actions: Any) -> NDArray[np.float32]:
         """Return a copy of the actions as an array of the kind that the engine takes."""
-        made = np.array(actions, SHOWN, order="C")
         shape = (self.n, self.actions)
-        if made.shape != shape:
-            raise ValueError(
-                f"actions must have shape {shape}, got {made.shape}; give one number for each "
-                "car and actuator. No car has moved"
-            )
-        return made
+        return task.checked_actions("actions", actions, shape, "car and actuator. No car has moved")
 
     def _refuse(self, code: int, actions: NDArray[np.float32]) -> None:
         if code == -1:
@@ -344,6 +352,11 @@ class Cars:
 
     def stagger(self, elapsed: NDArray[np.int64]) -> None:
         """Set the control intervals that the cars' episodes have lasted, (n,)."""
+        if np.shape(elapsed) != (self.n,):
+            raise ValueError(
+                f"elapsed must have shape ({self.n},), got {np.shape(elapsed)}; give one count of "
+                "control intervals for each car"
+            )
         parts = self._slabs.reshape(self._blocks, engine_sampled.ROWS, engine.LANES)
         for i, count in enumerate(elapsed.tolist()):
             parts[i // engine.LANES, engine_sampled.ELAPSED, i % engine.LANES] = count
@@ -369,6 +382,11 @@ class Cars:
         shared = (self._slabs, self._quiet, self._waiting, self._streams, self._which)
         own = (self.finals, self.restarted, self.restart_phases)
         return sum(each.nbytes for each in (*shared, *own))
+
+
+def _row(scenario: Scenario, own: Scenario) -> NDArray[np.float64]:
+    """Return the numbers of a scenario; the same scenario always has the same bytes."""
+    return np.array(task.nominal_numbers(scenario, own)) + 0.0  # no negative zero
 
 
 def _shared_numbers(scenario: Scenario, nominal: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from qcar_env.envs import task
 from qcar_env.physics import engine, engine_sampled
 from qcar_env.physics.state import State
-from qcar_env.physics.validation import finite, known, positive
+from qcar_env.physics.validation import finite, known
 from qcar_env.scenarios import Scenario, scenario as find_scenario, vary
 
 SHOWN = np.dtype(np.float32)
@@ -125,7 +125,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         known("observe", observe, task.OBSERVE)
         self._observe: task.Observe = observe
         self._observe_limit = bool(observe_limit)
-        self._force_scale = positive("force_scale", force_scale)
+        self._force_scale = task.force_scale(force_scale)
         self._duration = duration
         self._named = find_scenario(scenario)
         self._base = self._configured(self._named, self._force_scale)
@@ -236,7 +236,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         options = options or {}
         for key in options:
             known("reset option", key, task.RESET_OPTIONS)
-        scale = positive("force_scale", options.get("force_scale", self._force_scale))
+        scale = task.force_scale(options.get("force_scale", self._force_scale))
         named = find_scenario(options.get("scenario", self._named))
         base = self._base
         if named is not self._named or scale != self._force_scale:
@@ -310,13 +310,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     def _checked(self, action: Any) -> NDArray[np.float32]:
         """Return a copy of an action as an array of the kind that the engine takes."""
-        a = np.array(action, SHOWN)
-        if a.shape != self._action_shape:
-            raise ValueError(
-                f"action must have shape {self._action_shape}, got {a.shape}; "
-                "give one number for each actuator"
-            )
-        return a
+        return task.checked_actions("action", action, self._action_shape, "actuator")
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a frame (480, 640, 3) in the mode "rgb_array"; show it in the mode "human".

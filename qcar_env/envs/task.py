@@ -37,6 +37,7 @@ from qcar_env.physics.motion import Plant, angle, half_step_angles
 from qcar_env.physics.rk4 import step_fractions
 from qcar_env.physics.roads import ENDLESS, Phasor, RoadPieces, kink_time
 from qcar_env.physics.state import State
+from qcar_env.physics.validation import positive
 from qcar_env.scenarios import Randomisation, Scenario, vary_car
 
 OBSERVATION_LIMIT = 10.0  # [-] bound of every entry; travel ends an episode long before
@@ -53,6 +54,7 @@ WEIGHT = 0.5 * UNCONTROLLED_COST  # [-] of each relative amplitude in the cost: 
 STEPS_LOST = 100.0  # [-] steps at the travel limit that leaving it costs: 1 / (1 - 0.99)
 TRAVEL_PENALTY = STEPS_LOST * UNCONTROLLED_COST  # [-] for each amplitude of the limit
 
+HIGHEST_SCALE = 1e6  # [-] of a force limit; chosen here: no product of it overflows
 RESET_OPTIONS = ("state", "phase", "force_scale", "scenario")
 
 REST_SHARE = 0.25  # [-] share of the episodes that start from rest
@@ -467,21 +469,83 @@ def given_state(values: Any, scenario: Scenario) -> NDArray[np.float64]:
     Raises
     ------
     ValueError
-        If the shape is wrong, a value is not finite, or a displacement is beyond its limit.
+        If the shape is wrong, a value is not finite, or an amplitude is beyond its limit.
     """
-    state = np.asarray(values, dtype=np.float64)
+    state = numbers("state", values)
     if state.shape != (4,) or not np.all(np.isfinite(state)):
         raise ValueError(
             f"state must be four finite numbers (x1, x2, v1, v2), got {values!r}; "
             "give metres and metres a second"
         )
-    for name, value, amplitude in zip(
-        ("x1", "x2"), state[:2], scenario.reference_amplitudes, strict=True
-    ):
-        limit = scenario.travel_limit * amplitude
+    amplitudes = np.array(scenario.reference_amplitudes) * scenario.travel_limit
+    limits = np.concatenate([amplitudes, scenario.reference_frequency * amplitudes])
+    for name, value, limit in zip(State._fields, state, limits, strict=True):
+        unit = "m" if name in ("x1", "x2") else "m/s"
         if abs(value) > limit:
             raise ValueError(
-                f"state {name} must be within its travel limit of {limit:.4g} m, got {value:g} m; "
-                "start closer to rest"
+                f"state {name} must be within its travel limit of {limit:.4g} {unit}, got "
+                f"{value:g} {unit}; start closer to rest"
             )
     return state
+
+
+def force_scale(value: Any) -> float:
+    """Return a factor on the force limit, checked.
+
+    Raises
+    ------
+    ValueError
+        If it is not a positive number up to `HIGHEST_SCALE`.
+    """
+    scale = positive("force_scale", value)
+    if scale > HIGHEST_SCALE:
+        raise ValueError(
+            f"force_scale must be at most {HIGHEST_SCALE:g}, got {scale:g}; no car needs more"
+        )
+    return scale
+
+
+def checked_actions(
+    name: str, given: Any, shape: tuple[int, ...], each: str
+) -> NDArray[np.float32]:
+    """Return a copy of actions as an array of the kind that the engine takes.
+
+    Parameters
+    ----------
+    name : str
+        What they are called.
+    given : array_like
+        Numbers of any kind. What is beyond float32 becomes 2 or -2, which are clipped like it.
+    shape : tuple of int
+        What their shape must be.
+    each : str
+        What each number is for.
+
+    Raises
+    ------
+    ValueError
+        If they are no numbers, or their shape is another.
+    """
+    wide = numbers(name, given)
+    if wide.shape != shape:
+        raise ValueError(
+            f"{name} must have shape {shape}, got {wide.shape}; give one number for each {each}"
+        )
+    return np.where(np.isfinite(wide), np.clip(wide, -2.0, 2.0), wide).astype(np.float32)
+
+
+def numbers(name: str, given: Any) -> NDArray[np.float64]:
+    """Return what is given as an array of float64.
+
+    Raises
+    ------
+    ValueError
+        If it is not made of numbers.
+    """
+    try:
+        found = np.asarray(given)
+        if found.dtype.kind in "biufO":
+            return found.astype(np.float64)
+    except (TypeError, ValueError, OverflowError, RuntimeError):  # the last: torch's
+        pass
+    raise ValueError(f"{name} must be numbers, got {given!r}; give a list or an array of numbers")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -13,6 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from qcar_env.envs import cars as batch, task
+from qcar_env.physics.engine_random import streams
 from qcar_env.physics.engine_sampled import (
     AMPLITUDES,
     ELAPSED,
@@ -25,7 +26,7 @@ from qcar_env.physics.engine_sampled import (
 )
 from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.state import State
-from qcar_env.physics.validation import finite, known, positive
+from qcar_env.physics.validation import finite, known, whole
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 
 if TYPE_CHECKING:
@@ -69,10 +70,10 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         Threads that share the cars, at most: each gets 16384 of them or more, as handing fewer over
         costs what it saves. They change no bit.
     render_mode : {"rgb_array"}, optional
-        `render` returns the frames of the cars in `render_cars`, as `RecordVideo` of
-        `gymnasium.wrappers.vector` takes them.
-    render_cars : sequence of int
-        Indices of the cars that are drawn; `captions` has a name and a colour for each.
+        `render` returns a frame of each car in `render_cars`, a few megabytes of memory each.
+    render_cars : sequence of int, optional
+        Indices of the cars that are drawn; all if left out, as `RecordVideo` of
+        `gymnasium.wrappers.vector` needs. `captions` has a name and a colour for each.
 
     Raises
     ------
@@ -83,8 +84,9 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     -----
     `reset` takes a seed (car `i` gets ``seed + i``) or one seed for each car, and the options of
     the single environment, each one value for all cars or a sequence with one for each (`state`
-    an array (n, 4)), as well as Gymnasium's `reset_mask`. Arrays in `info` have a mask beside
-    them, as in Gymnasium's own vector environments; `final_obs` and `final_info` likewise.
+    an array (n, 4); None for a car without the option), as well as Gymnasium's `reset_mask`.
+    Arrays in `info` have a mask beside them, as in Gymnasium's own vector environments;
+    `final_obs` and `final_info` likewise.
     """
 
     metadata = {  # noqa: RUF012 - Gymnasium's interface
@@ -107,7 +109,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         method: str = "rk4",
         threads: int = 1,
         render_mode: str | None = None,
-        render_cars: Sequence[int] = (0,),
+        render_cars: Sequence[int] | None = None,
     ) -> None:
         if render_mode is not None:
             known("render mode", render_mode, self.metadata["render_modes"])
@@ -117,12 +119,11 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self._duration = duration
-        self._own = find_scenario(scenario)
-        base = configured(self._own, force_scale, duration)
+        drawn = self._drawn(find_scenario(scenario), task.force_scale(force_scale))
         self._cars = batch.Cars(
             num_envs,
-            base,
-            self._own,
+            drawn.base,
+            drawn.own,
             observe=observe,
             observe_limit=bool(observe_limit),
             single=precision == "single",
@@ -130,7 +131,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             threads=threads,
         )
         self.num_envs = self._cars.n
-        self._given: list[tuple[Scenario, float]] = [(self._own, force_scale)] * self.num_envs
+        self._given = [drawn] * self.num_envs
         high, size = task.OBSERVATION_LIMIT, self._cars.size
         self.single_observation_space = gym.spaces.Box(-high, high, (size,), np.float32)
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (self._cars.actions,), np.float32)
@@ -142,7 +143,10 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self._every = np.ones(self.num_envs, batch.BOOL)  # the mask of what all cars have
         self._every.flags.writeable = False
         self.render_mode = render_mode
-        self._render_cars = [self._known_car(car) for car in render_cars]
+        shown = range(self.num_envs) if render_cars is None else render_cars
+        if not isinstance(shown, Iterable):
+            raise ValueError(f"render_cars must be indices of cars, got {shown!r}; give a list")
+        self._render_cars = [self._known_car(car) for car in shown]
         self.captions = [(f"car {car}", "#0072B2") for car in self._render_cars]
         self._actions = np.zeros(self._shape, batch.SHOWN)
         self._painters: list[Painter] = []
@@ -159,16 +163,16 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
 
     def scenario_of(self, car: int) -> Scenario:
         """Return the scenario from which a car draws its episodes."""
-        return self._cars.scenario_of(car)
+        return self._given[car].base
 
     def force_scale_of(self, car: int) -> float:
         """Return the factor on a car's force limit [-]."""
-        return self._given[car][1]
+        return self._given[car].force_scale
 
     @property
     def dt(self) -> float:
         """Control interval [s]."""
-        return self._cars.scenarios[0].dt
+        return self._cars.dt
 
     def reset(
         self,
@@ -183,8 +187,8 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         seed : int or sequence, optional
             Seed; car `i` gets ``seed + i``. Or one for each car.
         options : dict, optional
-            `state`, `phase`, `force_scale`, `scenario`: one value or one for each car; and
-            `reset_mask` (n,) of bool.
+            `state`, `phase`, `force_scale`, `scenario`: one value or one for each car, None for a
+            car without it; and `reset_mask` (n,) of bool, of all cars in the first reset.
 
         Returns
         -------
@@ -195,7 +199,8 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         Raises
         ------
         ValueError
-            If an option is unknown, has the wrong length or is out of range.
+            If an option is unknown, has the wrong length or is out of range. Nothing has changed
+            then.
         """
         options = dict(options or {})
         mask = self._mask(options.pop("reset_mask", None))
@@ -203,10 +208,13 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             known("reset option", key, (*task.RESET_OPTIONS, "reset_mask"))
         chosen = np.flatnonzero(mask)
         changes = {name: options[name] for name in ("scenario", "force_scale") if name in options}
-        if changes:
-            self.assign(chosen, **changes)
-        given = self._starts(chosen, options)
-        self._seed(chosen, seed)
+        drawn = self._changed(chosen, changes) if changes else {}
+        given = self._starts(chosen, drawn, options)
+        seeded, states = self._streams(chosen, seed)
+        self._take(drawn)  # nothing changes before every option is known to be good
+        if isinstance(seed, (int, np.integer)):
+            super().reset(seed=int(seed))
+        self._cars.seed(seeded, states)
         observations = self._cars.reset(mask, given)
         self._started = True
         if self.render_mode is not None:
@@ -327,7 +335,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             raise gym.error.DependencyNotInstalled(
                 "rendering needs pygame; pip install 'qcar_env[render]'"
             ) from error
-        nominal = self._cars.scenario_of(car)
+        nominal = self.scenario_of(car)
         row = self._cars.row(0, ROWS)[:, car].tolist()
         h, omega = row[PIECES : PIECES + 2]
         f = row[AMPLITUDES + 2]
@@ -350,10 +358,11 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             action=tuple(self._actions[car].tolist()),
         )
 
-    def _known_car(self, car: int) -> int:
-        if not 0 <= car < self.num_envs:
+    def _known_car(self, car: Any) -> int:
+        is_index = isinstance(car, (int, np.integer)) and not isinstance(car, bool)
+        if not (is_index and 0 <= car < self.num_envs):
             raise ValueError(
-                f"a rendered car must be one of 0 to {self.num_envs - 1}, got {car}; "
+                f"a car must be one of 0 to {self.num_envs - 1}, got {car!r}; "
                 "give indices of the batch"
             )
         return int(car)
@@ -390,28 +399,34 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
                 f"reset_mask must be an array ({self.num_envs},) of bool with a true entry, got "
                 f"shape {mask.shape} of {mask.dtype}; mark the cars that begin again"
             )
+        if not (self._started or mask.all()):
+            raise ValueError(
+                f"reset_mask must mark all cars in the first reset, got {np.count_nonzero(mask)} "
+                f"of {self.num_envs}; leave it out"
+            )
         return mask
 
-    def _seed(self, chosen: NDArray[np.intp], seed: int | Sequence[int | None] | None) -> None:
-        if seed is None:
-            if not self._started:
-                self._cars.seed(np.arange(self.num_envs), [None] * self.num_envs)
-            return
-        if isinstance(seed, (int, np.integer)):
-            seeds: Sequence[int | None] = [int(seed) + i for i in range(self.num_envs)]
+    def _streams(
+        self, chosen: NDArray[np.intp], seed: int | Sequence[int | None] | None
+    ) -> tuple[NDArray[np.intp], NDArray[np.uint64]]:
+        """Return which cars get other random streams, and these."""
+        first = not self._started
+        if seed is None and not first:
+            return np.zeros(0, np.intp), np.zeros((0, 4), np.uint64)
+        if seed is None or isinstance(seed, (int, np.integer)):
+            start = None if seed is None else whole("seed", seed, 0)
+            each = [None if start is None else start + i for i in range(self.num_envs)]
+        elif isinstance(seed, Iterable) and not isinstance(seed, (str, bytes)):
+            each = [None if one is None else whole("seed of a car", one, 0) for one in seed]
         else:
-            seeds = list(seed)
-        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed must be a whole number or one for each car, got {seed!r}")
+        if len(each) != self.num_envs:
             raise ValueError(
-                f"seed must be one number or {self.num_envs} of them, got {len(seeds)}; "
+                f"seed must be one number or {self.num_envs} of them, got {len(each)}; "
                 "give one for each car"
             )
-        if not self._started:
-            self._cars.seed(np.arange(self.num_envs), seeds)
-            return
-        seeded = np.array([i for i in chosen if seeds[i] is not None], dtype=np.intp)
-        if seeded.size:
-            self._cars.seed(seeded, [seeds[i] for i in seeded])
+        cars = [i for i in chosen.tolist() if first or each[i] is not None]
+        return np.array(cars, dtype=np.intp), streams(each[i] for i in cars)
 
     def _each(self, name: str, value: Any, one: tuple[type, ...]) -> list[Any]:
         """Return the values of an option, one for each car."""
@@ -449,49 +464,86 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         Raises
         ------
         ValueError
-            If a value is out of range, or the scenario has another control interval or actuator.
+            If there is no such car or option, a value is out of range, or the scenario has another
+            control interval or actuator. Nothing has changed then.
         """
-        given = list(self._given)
-        if "scenario" in options:
-            each = self._each("scenario", options["scenario"], (str, Scenario))
-            for i in chosen:
-                given[i] = (find_scenario(each[i]), given[i][1])
-        if "force_scale" in options:
-            scales = self._each("force_scale", options["force_scale"], (int, float))
-            for i in chosen:
-                given[i] = (given[i][0], positive("force_scale", scales[i]))
-        groups: dict[tuple[Scenario, float], list[int]] = {}
-        for i in chosen:
-            groups.setdefault(given[i], []).append(int(i))
-        for (own, scale), members in groups.items():
-            self._cars.assign(np.array(members), configured(own, scale, self._duration), own)
-        self._given = given
+        for key in options:
+            known("option", key, ("scenario", "force_scale"))
+        self._take(self._changed([self._known_car(car) for car in chosen], options))
 
-    def _starts(self, chosen: NDArray[np.intp], options: dict[str, Any]) -> NDArray[np.float64]:
+    def _changed(self, chosen: Iterable[int], options: dict[str, Any]) -> dict[int, Drawn]:
+        """Return what each of the chosen cars draws from, with these options."""
+        drawn = {int(i): self._given[i] for i in chosen}
+        scenarios = self._each("scenario", options.get("scenario"), (str, Scenario, type(None)))
+        scales = self._each("force_scale", options.get("force_scale"), (int, float, type(None)))
+        made: dict[tuple[int, float], Drawn] = {}
+        for i, before in drawn.items():
+            own = before.own if scenarios[i] is None else find_scenario(scenarios[i])
+            scale = before.force_scale if scales[i] is None else task.force_scale(scales[i])
+            key = id(own), scale
+            if key not in made:
+                made[key] = self._drawn(own, scale)
+            drawn[i] = made[key]
+        return drawn
+
+    def _drawn(self, own: Scenario, scale: float) -> Drawn:
+        base = own.with_force_scale(scale)
+        if self._duration is not None:
+            base = dataclasses.replace(base, duration=self._duration)
+        return Drawn(own, scale, base)
+
+    def _take(self, drawn: dict[int, Drawn]) -> None:
+        """Let cars draw from what `_changed` has returned."""
+        groups: dict[int, tuple[Drawn, list[int]]] = {}
+        for i, each in drawn.items():
+            if each is not self._given[i]:
+                groups.setdefault(id(each), (each, []))[1].append(i)
+        if groups:
+            self._cars.assign([(np.array(i), each.base, each.own) for each, i in groups.values()])
+        for i, each in drawn.items():
+            self._given[i] = each
+
+    def _starts(
+        self, chosen: NDArray[np.intp], drawn: dict[int, Drawn], options: dict[str, Any]
+    ) -> NDArray[np.float64]:
         """Return states and phases that are given, (n, 5), not a number where they are drawn."""
         given = np.full((self.num_envs, 5), np.nan)
         if "state" in options:
-            state = np.asarray(options["state"], dtype=np.float64)
-            if state.ndim == 1:
-                state = np.tile(state, (self.num_envs, 1))
-            if state.shape != (self.num_envs, 4):
-                raise ValueError(
-                    f"state must have shape (4,) or ({self.num_envs}, 4), got {state.shape}; "
-                    "give (x1, x2, v1, v2) for each car"
-                )
-            for i in chosen:
-                given[i, :4] = task.given_state(state[i], self._cars.scenario_of(int(i)))
+            states = self._states(options["state"])
+            for i in chosen.tolist():
+                if states[i] is not None:
+                    given[i, :4] = task.given_state(
+                        states[i], (drawn.get(i) or self._given[i]).base
+                    )
         if "phase" in options:
             phases = self._each("phase", options["phase"], (int, float))
-            for i in chosen:
-                given[i, 4] = finite("phase", phases[i], "rad")
+            for i in chosen.tolist():
+                if phases[i] is not None:
+                    given[i, 4] = finite("phase", phases[i], "rad")
         return given
 
+    def _states(self, given: Any) -> Sequence[Any]:
+        """Return the state that each car starts in, None where it is drawn."""
+        some = isinstance(given, Sequence) and any(each is None for each in given)
+        if some and len(given) == self.num_envs:
+            return given
+        states = task.numbers("state", given)
+        if states.ndim == 1:
+            states = np.tile(states, (self.num_envs, 1))
+        if states.shape != (self.num_envs, 4):
+            raise ValueError(
+                f"state must have shape (4,) or ({self.num_envs}, 4), got {states.shape}; "
+                "give (x1, x2, v1, v2) for each car"
+            )
+        return list(states)
 
-def configured(own: Scenario, force_scale: float, duration: float | None) -> Scenario:
-    """Return a scenario with the force limit and the duration that an environment was asked for."""
-    scaled = own.with_force_scale(positive("force_scale", force_scale))
-    return scaled if duration is None else dataclasses.replace(scaled, duration=duration)
+
+class Drawn(NamedTuple):
+    """What a car draws its episodes from."""
+
+    own: Scenario
+    force_scale: float
+    base: Scenario  # with that scale, and the environment's duration
 
 
 def _mode(given: AutoresetMode | str) -> AutoresetMode:

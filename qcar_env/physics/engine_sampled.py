@@ -120,7 +120,7 @@ SCRATCH_SIZE = (SAVED + CAR) * LANES
     HELD_SIZE,
 ) = range(26)
 
-HIGHEST = np.float32(1e38)  # an action above is not a finite float32
+HIGHEST = np.finfo(np.float32).max  # an action beyond is not a finite number
 MANY = 32  # [blocks] that do not fit the second-level cache of 1 MB: fetched ahead from there on
 DRAWS = 12  # uniform numbers that the start of an episode takes
 RESEED = 64  # [intervals] after which phasors in single precision are computed anew

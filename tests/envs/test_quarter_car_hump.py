@@ -397,9 +397,13 @@ def test_a_randomised_scenario_varies_from_episode_to_episode():
         ({"state": (0.0, math.nan, 0.0, 0.0)}, "state must be four finite numbers"),
         ({"state": (9.0, 0.0, 0.0, 0.0)}, r"state x1 must be within .* limit of 3\.\d* m, got 9 m"),
         ({"state": (0.0, -9.0, 0.0, 0.0)}, "state x2 must be within .* got -9 m; start closer"),
+        ({"state": (0.0, 0.0, 0.0, 1e300)}, r"state v2 must be within .* m/s, got 1e\+300 m/s"),
+        ({"state": "rest"}, "state must be numbers, got 'rest'; give a list or an array"),
+        ({"state": (0.0, 0.0, 10**400, 0.0)}, "state must be"),
         ({"phase": math.nan}, "phase must be finite, got nan rad"),
         ({"phase": "left"}, "phase must be a number in rad, got 'left'"),
         ({"force_scale": 0.0}, "force_scale must be positive, got 0"),
+        ({"force_scale": 1e300}, r"force_scale must be at most 1e\+06, got 1e\+300"),
         ({"scenario": "papre"}, "unknown scenario 'papre'; did you mean 'paper'"),
         ({"scenario": "mathworks-hump"}, r"has 1 actuator\(s\), this environment 2; make a new"),
     ],
@@ -490,6 +494,25 @@ def test_an_action_that_is_not_a_number_is_refused(value):
         ValueError, match=r"action must be finite, got .*; allowed range is \[-1, 1\]"
     ):
         env.step(np.array([0.0, value], dtype=np.float32))
+    assert env.state == before
+
+
+@pytest.mark.parametrize("value", [np.float32(3e38), 1e300, 10**100, 2, True])
+def test_a_finite_action_however_large_is_clipped(value):
+    expected = started().step(np.array([1.0, 0.0], np.float32))
+    found = started().step(np.array([value, 0.0], dtype=np.asarray(value).dtype))
+    assert np.array_equal(found[0], expected[0])
+    assert np.array_equal(found[4]["force"], expected[4]["force"])
+
+
+@pytest.mark.parametrize(
+    "action", [{}, [1j, 0.0], "push", ["1", "0"], [[1.0], [1.0, 2.0]], np.zeros(2, "M8[s]")]
+)
+def test_an_action_that_is_made_of_something_else_is_refused(action):
+    env = started()
+    before = env.state
+    with pytest.raises(ValueError, match="action must"):
+        env.step(action)
     assert env.state == before
 
 

@@ -281,9 +281,7 @@ def test_chosen_cars_of_a_batch_look_as_they_would_alone(name):
 
 
 def test_record_video_of_a_batch(tmp_path):
-    batch = gym.make_vec(
-        "QuarterCarHump-v0", num_envs=2, render_mode="rgb_array", render_cars=(0, 1), duration=0.05
-    )
+    batch = gym.make_vec("QuarterCarHump-v0", num_envs=2, render_mode="rgb_array", duration=0.05)
     batch = gym.wrappers.vector.RecordVideo(
         batch, str(tmp_path / "film"), video_aspect_ratio=(2, 1), fps=25
     )

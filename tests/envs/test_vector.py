@@ -234,6 +234,127 @@ def test_bad_input_is_refused(arguments, options, message):
         QuarterCarHumpVectorEnv(**{"num_envs": 3, **arguments}).reset(options=options)
 
 
+REFUSED = [
+    {"force_scale": 0.5, "state": [9.0] * 4},
+    {"force_scale": 0.5, "phase": np.nan},
+    {"force_scale": [0.5, 0.25, 1e300]},
+    {"scenario": ["paper-step", "paper", "mathworks-hump"]},
+    {"scenario": "paper-hump", "state": "rest"},
+    {"scenario": "paper-hump", "seed": -1},
+    {"scenario": "paper-hump", "seed": [1, 2]},
+    {"scenario": "paper-hump", "seed": 1.5},
+    {"scenario": "paper-hump", "seed": "one"},
+    {"scenario": "paper-hump", "seed": [1, 2, [3]]},
+]
+
+
+@pytest.mark.parametrize("given", REFUSED)
+def test_a_refused_reset_changes_nothing(given):
+    env = QuarterCarHumpVectorEnv(3)
+    env.reset(seed=0, options={"force_scale": [1.0, 0.75, 0.5]})
+    copy = pickle.loads(pickle.dumps(env))
+    options = {name: value for name, value in given.items() if name != "seed"}
+    with pytest.raises(ValueError, match=r"state|phase|force_scale|mathworks-hump|seed"):
+        env.reset(seed=given.get("seed"), options=options)
+    assert [env.scenario_of(i) for i in range(3)] == [copy.scenario_of(i) for i in range(3)]
+    assert [env.force_scale_of(i) for i in range(3)] == [1.0, 0.75, 0.5]
+    assert np.array_equal(env.reset()[0], copy.reset()[0])
+
+
+def test_the_first_reset_begins_all_cars():
+    env = QuarterCarHumpVectorEnv(3)
+    with pytest.raises(ValueError, match=r"all cars in the first reset, got 1 of 3"):
+        env.reset(options={"reset_mask": np.array([True, False, False])})
+
+
+def test_scenarios_that_no_car_draws_from_are_forgotten():
+    env = QuarterCarHumpVectorEnv(4)
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        scales = rng.uniform(0.1, 1.0, 4)
+        env.reset(options={"force_scale": scales})
+        assert len(env._cars._nominals) <= 8
+    np.testing.assert_allclose(env.force_limits[:, 0], 280.0 * scales)
+
+
+def test_a_scenario_with_the_numbers_of_another_keeps_its_own_name():
+    env = QuarterCarHumpVectorEnv(2)
+    env.reset(seed=0)
+    named = dataclasses.replace(SCENARIOS["paper"], name="other")
+    env.reset(options={"scenario": [named, "paper"], "reset_mask": np.array([True, False])})
+    assert [env.scenario_of(i).name for i in range(2)] == ["other", "paper"]
+
+
+def test_none_leaves_a_car_without_an_option():
+    start = np.array([0.1, 0.2, 3.0, 4.0])
+    options = [{}, {"phase": 0.5, "force_scale": 0.5}, {"state": start, "scenario": "paper-hump"}]
+    env = QuarterCarHumpVectorEnv(3, force_scale=np.array(0.75))
+    names = ("state", "phase", "force_scale", "scenario")
+    found, _ = env.reset(seed=4, options={n: [each.get(n) for each in options] for n in names})
+    for i, each in enumerate(options):
+        alone = QuarterCarHumpEnv(force_scale=0.75)
+        assert np.array_equal(found[i], alone.reset(seed=4 + i, options=each)[0])
+    assert [env.force_scale_of(i) for i in range(3)] == [0.75, 0.5, 0.75]
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_finite_actions_however_large_are_clipped(two_threads, threads):
+    envs = [QuarterCarHumpVectorEnv(130, **{**two_threads, "threads": threads}) for _ in range(3)]
+    for env in envs:
+        env.reset(seed=0)
+    single, double = np.zeros((130, 2), np.float32), np.zeros((130, 2))
+    single[-1], double[-1] = np.finfo(np.float32).max, -np.finfo(np.float64).max
+    results = [env.step(each) for env, each in zip(envs, (single, double, single * 0), strict=True)]
+    assert results[0][4]["force"][-1].tolist() == [280.0, 33.0]
+    assert results[1][4]["force"][-1].tolist() == [-280.0, -33.0]
+    assert np.array_equal(results[0][0][:-1], results[2][0][:-1])
+    single[3] = np.inf
+    before = envs[0].states
+    with pytest.raises(ValueError, match=r"actions must be finite, got .* for car 3"):
+        envs[0].step(single)
+    assert np.array_equal(envs[0].states, before)
+
+
+@pytest.mark.parametrize(
+    "actions", [{}, [[1j, 0.0]], "push", [["1", "0"]], None, [[1.0], [1.0, 2.0]]]
+)
+def test_actions_that_are_no_numbers_are_refused(actions):
+    env = QuarterCarHumpVectorEnv(1)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="actions must"):
+        env.step(actions)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda env: env.assign([5], force_scale=1.0), "one of 0 to 2, got 5"),
+        (lambda env: env.assign([0.5], force_scale=1.0), "one of 0 to 2, got 0.5"),
+        (lambda env: env.assign(np.array([True, False, True]), force_scale=1.0), "got .*True"),
+        (lambda env: env.assign([0], speed=1.0), "unknown option 'speed'"),
+        (
+            lambda env: env.assign([0, 1], force_scale=[0.5, 0.0, 1.0]),
+            "force_scale must be positive",
+        ),
+        (lambda env: env.stagger(np.zeros(2, int)), r"elapsed must have shape \(3,\), got \(2,\)"),
+        (lambda env: QuarterCarHumpVectorEnv(3, render_cars=0), "render_cars must be indices"),
+        (lambda env: QuarterCarHumpVectorEnv(3, force_scale=1e7), r"at most 1e\+06, got 1e\+07"),
+    ],
+)
+def test_what_is_asked_of_cars_is_checked_before_one_changes(call, message):
+    env = QuarterCarHumpVectorEnv(3)
+    with pytest.raises(ValueError, match=message):
+        call(env)
+    assert [env.force_scale_of(i) for i in range(3)] == [1.0] * 3
+
+
+def test_a_seed_is_that_of_the_environments_own_generator_too():
+    env = QuarterCarHumpVectorEnv(2)
+    env.reset(seed=5)
+    assert env.np_random_seed == 5
+
+
 def test_a_step_before_reset_is_refused():
     with pytest.raises(gym.error.ResetNeeded, match="call reset before step"):
         QuarterCarHumpVectorEnv(1).step(np.zeros((1, 2), np.float32))
