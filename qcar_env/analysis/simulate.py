@@ -24,6 +24,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from numbers import Real
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -38,13 +39,14 @@ from qcar_env.physics.motion import plant, world_at
 from qcar_env.physics.rk4 import ACCURACY_LIMIT, STABILITY_LIMIT, step_fractions
 from qcar_env.physics.roads import Road
 from qcar_env.physics.state import Filter, State
-from qcar_env.physics.validation import finite, known, positive, whole
+from qcar_env.physics.validation import entries, finite, known, positive, shown, whole
 
 Array = NDArray[np.float64]
 Start = State | ControlledState
 OnDivergence = Literal["raise", "keep"]
 
 MOST_RECORDED = 2**32  # [bytes] largest time history, chosen here
+MOST_STEPS = 10**10  # of one call, chosen here: minutes of a compiled case, months of driving
 DIVERGED = 1e6  # [m], [m/s] a car that moves by more has diverged, chosen here
 UNLIMITED = (closed_loop.UNLIMITED, closed_loop.UNLIMITED)
 AT_REST = ControlledState(State(0.0, 0.0, 0.0, 0.0), REST)
@@ -86,7 +88,7 @@ def simulate(
     duration: float,
     step: float = 1e-3,
     start: Start | Sequence[Start] | None = None,
-    force_limit: tuple[float, float] | Sequence[tuple[float, float]] | None = None,
+    force_limit: Sequence[float] | Sequence[Sequence[float]] | None = None,
     hold: float | None = None,
     fused: bool = False,
     record_every: int = 1,
@@ -104,8 +106,9 @@ def simulate(
     step : float, optional
         RK4 step [s]. The step that holds a kink of the road is cut there.
     start : State or ControlledState, or a sequence of them, optional
-        State of the plant, or of plant and control filter, at time 0; at rest if left out.
-    force_limit : tuple of float, optional
+        State of the plant, or of plant and control filter, at time 0; at rest if left out. Four
+        numbers ``(x1, x2, v1, v2)`` are a state, too.
+    force_limit : sequence of float, optional
         Largest specific forces ``(u1, u2)`` of the actuators [m/s^2], or one pair for each case;
         no limit if left out.
     hold : float, optional
@@ -144,9 +147,9 @@ def simulate(
     velocities of the paper's worst case; such a start needs a step of 0.1 ms.
     """
     cases = _Cases(car, road, force, law, start, force_limit, hold)
-    positive("duration", duration, "s")
-    steps = max(1, round(duration / positive("step", step, "s")))
-    every = whole("record_every", record_every)
+    duration, step = positive("duration", duration, "s"), positive("step", step, "s")
+    steps = _steps("duration", duration, step)
+    every = min(whole("record_every", record_every), steps + 1)
     known("on_divergence", on_divergence, ("raise", "keep"))
     cases.check_step(step)
     count = steps // every + 1
@@ -159,10 +162,12 @@ def simulate(
     record = np.empty((count, 6, cases.n))
     slabs = engine.slabs(cases.rows(step, np.full(cases.n, float(engine.NEVER))))
     cases.run(slabs, step, steps, every, record, fused)
-    diverged = _has_diverged(record[-1, :4])
+    # The record may end before the motion does.
+    final = engine.from_slabs(slabs, cases.n)
+    diverged = _has_diverged(final[engine_continuous.PLANT : engine_continuous.PLANT + 4])
     if on_divergence == "raise":
         _refuse_divergence(diverged, duration)
-    t = np.arange(count, dtype=np.float64) * every * float(step)
+    t = np.arange(count, dtype=np.float64) * every * step
     shape = (count, cases.n) if cases.many else (count,)
     columns = (np.ascontiguousarray(record[:, i]).reshape(shape) for i in range(6))
     x1, x2, v1, v2, u1, u2 = columns
@@ -181,7 +186,7 @@ def steady_amplitudes(
     step: float = 1e-3,
     periods: int = 5,
     start: Start | Sequence[Start] | None = None,
-    force_limit: tuple[float, float] | Sequence[tuple[float, float]] | None = None,
+    force_limit: Sequence[float] | Sequence[Sequence[float]] | None = None,
     hold: float | None = None,
     fused: bool = False,
     on_divergence: OnDivergence = "raise",
@@ -216,10 +221,10 @@ def steady_amplitudes(
     4e-4 of it at 55 rad/s and 1 ms.
     """
     cases = _Cases(car, road, force, law, start, force_limit, hold)
-    positive("duration", duration, "s")
-    steps = max(1, round(duration / positive("step", step, "s")))
+    duration, step = positive("duration", duration, "s"), positive("step", step, "s")
+    steps = _steps("duration", duration, step)
     known("on_divergence", on_divergence, ("raise", "keep"))
-    measured = np.round(whole("periods", periods) * cases.periods / step)
+    measured = np.round(whole("periods", periods, most=MOST_STEPS) * cases.periods / step)
     if measured.max() > steps:
         raise ValueError(
             f"{periods} periods last {measured.max() * step:.3g} s and must end within the "
@@ -259,7 +264,7 @@ class _Cases:
         force: ExternalForce | Sequence[ExternalForce],
         law: Law | Sequence[Law],
         start: Start | Sequence[Start] | None,
-        force_limit: tuple[float, float] | Sequence[tuple[float, float]] | None,
+        force_limit: Sequence[float] | Sequence[Sequence[float]] | None,
         hold: float | None,
     ) -> None:
         given: dict[str, Any] = {"car": car, "road": road, "force": force, "law": law}
@@ -279,6 +284,23 @@ class _Cases:
         self.roads: list[Road] = self._listed(given["road"])
         self.forces: list[ExternalForce] = self._listed(given["force"])
         self.laws: list[Law] = self._listed(given["law"])
+        for name, kind, listed in (
+            ("car", QuarterCar, self.cars),
+            ("road", Road, self.roads),
+            ("force", ExternalForce, self.forces),
+        ):
+            for each in listed:
+                if not isinstance(each, kind):
+                    raise ValueError(
+                        f"{name} must be of class {kind.__name__}, got {shown(each)}; "
+                        "give one, or a sequence with one for each case"
+                    )
+        for each in self.laws:
+            if not callable(getattr(each, "command", None)):
+                raise ValueError(
+                    f"law must be a control law, got {shown(each)}; "
+                    "give one of qcar_env.control, such as CNVC()"
+                )
         self.starts = [_checked_start(each) for each in self._listed(given["start"])]
         self.limits = [_checked_limit(each) for each in self._listed(given["force_limit"])]
         self.saturated = force_limit is not None
@@ -355,13 +377,13 @@ class _Cases:
             self.hold is not None,
             bool(fused),
         )
-        hold = 1 if self.hold is None else max(1, round(self.hold / step))
+        hold = 1 if self.hold is None else _steps("hold", self.hold, step)
         if self.hold is not None and abs(hold * step / self.hold - 1.0) > 1e-9:
             raise ValueError(
                 f"hold must be a whole number of steps of {step:g} s, got {self.hold:g} s; "
                 f"give {hold * step:g} s or another step"
             )
-        fractions = step_fractions(float(step))
+        fractions = step_fractions(step)
         engine.over_blocks(
             lambda begin, end: kernel(
                 slabs, begin, end, self.n, fractions, steps, hold, every, record
@@ -429,9 +451,11 @@ class _Cases:
 
 def _is_one(value: Any) -> bool:
     """Return whether `value` is one object for all cases, not a sequence with one for each."""
-    if isinstance(value, tuple) and value:
-        return hasattr(value, "_fields") or isinstance(value[0], (int, float))
-    return not isinstance(value, (Sequence, np.ndarray))
+    if hasattr(value, "_fields") or getattr(value, "ndim", 1) == 0:
+        return True
+    if isinstance(value, (Sequence, np.ndarray)):
+        return any(isinstance(each, Real) for each in entries(value)[:1])
+    return True
 
 
 def _flat(values: Any) -> tuple[Any, ...]:
@@ -443,30 +467,51 @@ def _once(function: Callable[..., Any]) -> Callable[..., Any]:
     return lru_cache(maxsize=None)(function)
 
 
-def _checked_start(start: Start) -> ControlledState:
-    whole_state = start if isinstance(start, ControlledState) else ControlledState(start, REST)
-    plant_state = State(
-        *(
-            finite(f"start {name}", value, unit)
-            for name, value, unit in zip(
-                State._fields, whole_state.plant, ("m", "m", "m/s", "m/s"), strict=True
+def _steps(name: str, length: float, step: float) -> int:
+    """Return how many whole steps are nearest to a length of time, at least one."""
+    if length / step > MOST_STEPS:
+        raise ValueError(
+            f"{name} must be at most {MOST_STEPS:.0e} steps, got {length:g} s with step = "
+            f"{step:g} s; give a shorter {name} or a longer step"
+        )
+    return max(1, round(length / step))
+
+
+def _checked_start(start: Any) -> ControlledState:
+    state, memory = start if isinstance(start, ControlledState) else (start, REST)
+    given = entries(state), entries(memory)
+    if [len(part) for part in given] != [4, 4]:
+        raise ValueError(
+            f"start must be a State of four numbers or a ControlledState, got {shown(start)}; "
+            "give State(x1, x2, v1, v2) in m and m/s"
+        )
+    return ControlledState(
+        State(
+            *(
+                finite(f"start {name}", value, unit)
+                for name, value, unit in zip(
+                    State._fields, given[0], ("m", "m", "m/s", "m/s"), strict=True
+                )
             )
-        )
+        ),
+        Filter(
+            *(
+                finite(f"start {name}", value)
+                for name, value in zip(Filter._fields, given[1], strict=True)
+            )
+        ),
     )
-    filter_state = Filter(
-        *(
-            finite(f"start {name}", value)
-            for name, value in zip(Filter._fields, whole_state.filter, strict=True)
-        )
-    )
-    return ControlledState(plant_state, filter_state)
 
 
-def _checked_limit(limit: tuple[float, float]) -> tuple[float, float]:
-    if len(limit) != 2:
-        raise ValueError(f"force_limit must be a pair (u1, u2) in m/s^2, got {limit!r}")
-    return positive("force_limit u1", limit[0], "m/s^2"), positive(
-        "force_limit u2", limit[1], "m/s^2"
+def _checked_limit(limit: Any) -> tuple[float, float]:
+    given = entries(limit)
+    if len(given) != 2:
+        raise ValueError(
+            f"force_limit must be a pair (u1, u2) in m/s^2, got {shown(limit)}; "
+            "give one pair, or one for each case"
+        )
+    return positive("force_limit u1", given[0], "m/s^2"), positive(
+        "force_limit u2", given[1], "m/s^2"
     )
 
 

@@ -333,6 +333,33 @@ def test_a_diverging_case_is_reported_and_leaves_the_others_alone():
         simulate(runaway, PAPER_ROAD, PAPER_FORCE, Passive(), duration=60.0)
 
 
+@pytest.mark.parametrize("every", [1, 7, 999, 1000, 10**6, 10**30])
+def test_a_case_that_diverges_after_the_last_recorded_instant_is_reported(every):
+    stiff = {**PAPER_CAR.coefficients._asdict(), "E1": 5000.0, "E3": 5000.0, "b1": 0.0, "b2": 0.0}
+    given = (QuarterCar(**stiff), PAPER_ROAD, PAPER_FORCE, Passive())
+    with pytest.raises(FloatingPointError, match="1 of 1 cases diverged within 1 s"):
+        simulate(*given, duration=1.0, record_every=every)
+    found = simulate(*given, duration=1.0, record_every=every, on_divergence="keep")
+    assert found.diverged
+    assert found.t.tolist() == [k * 1e-3 for k in range(0, 1001, every)]
+
+
+def test_a_pair_of_limits_and_a_start_are_sequences_of_any_kind():
+    law, pairs = LNVC(G1=100.0, G2=100.0), [(200.0, 20.0), (100.0, 10.0)]
+    state = (0.1, 0.2, 0.0, 0.0)
+
+    def motion(limit, start):
+        return histories(simulate(*PAPER, law, duration=0.1, force_limit=limit, start=start))
+
+    one, two = motion(pairs[0], State(*state)), motion(pairs, [State(*state)] * 2)
+    for kind in (list, np.array, np.float32):
+        np.testing.assert_array_equal(motion(kind(pairs[0]), State(*state)), one)
+    for kind in (tuple, list, np.array):
+        np.testing.assert_array_equal(motion(pairs[0], kind(state)), one)
+        np.testing.assert_array_equal(motion(kind(pairs), [kind(state)] * 2), two)
+    np.testing.assert_array_equal(motion(np.array(pairs), np.array([state] * 2)), two)
+
+
 def test_a_coarse_step_warns_and_an_unstable_one_is_refused():
     with pytest.warns(UserWarning, match="coarse"):
         simulate(*PAPER, Passive(), duration=1.0, step=0.02)
@@ -356,6 +383,25 @@ def test_a_coarse_step_warns_and_an_unstable_one_is_refused():
         ({"law": PPF(G1=4000.0)}, "gain G1 must be below omega1"),
         ({"duration": 1e6, "law": [CNVC()] * 100}, "give record_every="),
         ({"on_divergence": "ignore"}, "unknown on_divergence 'ignore'"),
+        (
+            {"duration": 1e300},
+            r"duration must be at most 1e\+10 steps, got 1e\+300 s with step = 0.001",
+        ),
+        ({"step": 1e-300}, r"duration must be at most 1e\+10 steps, got 1 s with step = 1e-300 s"),
+        ({"hold": 1e300}, r"hold must be at most 1e\+10 steps, got 1e\+300 s with step = 0.001 s"),
+        ({"hold": "1"}, "hold must be a number in s, got '1'"),
+        ({"record_every": 1.5}, "record_every must be a whole number, got 1.5"),
+        ({"force_limit": 5}, r"force_limit must be a pair .* got 5; give one pair"),
+        ({"force_limit": np.array(5)}, r"force_limit must be a pair .* got array\(5\)"),
+        ({"force_limit": {1.0, 2.0}}, r"force_limit must be a pair .* got \{1.0, 2.0\}"),
+        ({"force_limit": "ab"}, r"force_limit must be a pair .* got 'a'"),
+        ({"start": 5}, "start must be a State of four numbers or a ControlledState, got 5; give"),
+        ({"start": np.zeros(3)}, r"start must be a State of four .* got array\(\[0., 0., 0.\]\)"),
+        ({"start": ControlledState(None, REST)}, "start must be a State of four numbers"),
+        ({"car": None}, "car must be of class QuarterCar, got None; give one, or a sequence"),
+        ({"road": [PAPER_FORCE]}, "road must be of class Road, got ExternalForce"),
+        ({"force": 24.8}, "force must be of class ExternalForce, got 24.8"),
+        ({"law": "cnvc"}, "law must be a control law, got 'c'; give one of qcar_env.control"),
     ],
 )
 def test_bad_input_is_refused(change, message):
@@ -371,3 +417,17 @@ def test_a_steady_motion_needs_harmonic_forcing():
     assert steady_amplitudes(PAPER_CAR, road, PAPER_FORCE, CNVC()).x2 > 0.0
     with pytest.raises(ValueError, match="periods last"):
         steady_amplitudes(*PAPER, Passive(), duration=0.1)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"step": 1e-300}, r"duration must be at most 1e\+10 steps, got 60 s with step = 1e-300 s"),
+        ({"duration": 1e300}, r"duration must be at most 1e\+10 steps, got 1e\+300 s"),
+        ({"periods": 10**30}, "periods must be at most 10000000000, got 1000"),
+        ({"hold": 1e300}, r"hold must be at most 1e\+10 steps, got 1e\+300 s"),
+    ],
+)
+def test_bad_input_of_a_steady_motion_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        steady_amplitudes(*PAPER, CNVC(), **change)
