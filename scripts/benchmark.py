@@ -77,7 +77,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         whole("jobs", arguments.jobs)
         if arguments.report:
             _check_report()
+        if arguments.seed is not None:
+            whole("seed", arguments.seed, least=0)
         out: Path = arguments.out
+        storage.check_folder(out)
         if (out / "result.json").exists() and not arguments.force:
             raise ValueError(f"{out} already holds results; give --force to replace them, or --out")
         tracks = [track(name) for name in arguments.tracks]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -132,12 +132,13 @@ def yours(spec: str) -> Contestant:
     Raises
     ------
     ValueError
-        If `spec` has neither form, or there is no such file.
+        If `spec` has neither form, or what it names cannot be loaded or is no policy.
     """
     path = Path(spec)
     if path.suffix == ".onnx" or path.is_dir():
         if not path.exists():
             raise ValueError(f"no file {spec}; give the path of an ONNX file, or module:object")
+        _loaded(path)
         name = path.stem if path.suffix and path.stem != "policy" else path.resolve().name
         name = path.resolve().parent.name if path.stem == "policy" and path.suffix else name
         return Contestant(name=name, kind="yours", spec=str(path.resolve()))
@@ -147,6 +148,7 @@ def yours(spec: str) -> Contestant:
             f"--policy must be module:object or the path of an ONNX file, got {spec!r}; "
             "for instance my_policy:policy"
         )
+    _imported(spec)
     return Contestant(name=spec, kind="yours", spec=spec)
 
 
@@ -167,25 +169,10 @@ def user_policy(spec: str, scenario: Scenario) -> Any:
         If there is no such module or object, or it is no policy.
     """
     path = Path(spec)
-    if path.suffix == ".onnx":
-        return OnnxPolicy(path)
-    if path.is_dir():
-        return _agent(spec)
-    module, _, attribute = spec.partition(":")
-    if "" not in sys.path and str(Path.cwd()) not in sys.path:
-        sys.path.insert(0, str(Path.cwd()))
-    try:
-        found: Any = importlib.import_module(module)
-        for part in attribute.split("."):
-            found = getattr(found, part)
-    except (ImportError, AttributeError) as error:
-        raise ValueError(f"no policy {spec!r}: {error}") from error
-    make: Callable[[Scenario], Any] | None = None if hasattr(found, "predict") else found
-    if isinstance(found, type) or make is not None:
-        if not callable(found):
-            raise ValueError(
-                f"{spec!r} is no policy: it has no predict, and cannot be called to make one"
-            )
+    if path.suffix == ".onnx" or path.is_dir():
+        return _loaded(path)
+    found = _imported(spec)
+    if isinstance(found, type) or not hasattr(found, "predict"):
         found = found(scenario)
     if not hasattr(found, "predict"):
         raise ValueError(f"{spec!r} made {type(found).__name__}, which has no predict")
@@ -207,6 +194,36 @@ def _scenario_of(name: str, default: Track) -> str:
 
 def _contains(scales: Sequence[float], scale: float) -> bool:
     return any(abs(each - scale) < 1e-9 for each in scales)
+
+
+def _loaded(path: Path) -> Any:
+    """Return the policy of an ONNX file or a run folder."""
+    try:
+        return OnnxPolicy(path) if path.suffix == ".onnx" else _agent(str(path))
+    except RuntimeError as error:  # onnxruntime is not installed
+        raise ValueError(f"no policy {path}: {error}") from error
+
+
+def _imported(spec: str) -> Any:
+    """Return the object of ``module:object``: a policy, or what makes one."""
+    module, _, attribute = spec.partition(":")
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))
+    try:
+        found: Any = importlib.import_module(module)
+        for part in attribute.split("."):
+            found = getattr(found, part)
+    except Exception as error:  # the module is the user's: whatever it raises
+        raise ValueError(
+            f"no policy {spec!r}: {type(error).__name__}: {error}; "
+            "give module:object as Python imports it from this folder"
+        ) from error
+    if not callable(found) and not hasattr(found, "predict"):
+        raise ValueError(
+            f"{spec!r} is no policy: it has no predict, and cannot be called to make one; "
+            "give an object that has or can"
+        )
+    return found
 
 
 def _agent(spec: str) -> Any:

@@ -37,6 +37,7 @@ import qcar_env
 from qcar_env.control import CNVC, Passive
 from qcar_env.envs.cars import CARS_A_THREAD
 from qcar_env.envs.vector import QuarterCarHumpVectorEnv
+from qcar_env.evaluation import storage
 from qcar_env.physics import engine, engine_continuous
 from qcar_env.physics.motion import plant, world_at
 from qcar_env.physics.rk4 import step_fractions
@@ -108,12 +109,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         whole("rounds", arguments.rounds, least=3)
         for n in arguments.num_envs:
             whole("num-envs", n)
+        whole("threads", arguments.threads)
+        storage.check_folder(arguments.out)
     except ValueError as error:
         print(f"throughput: {error}", file=sys.stderr)
         return 2
     result = measure(arguments.rounds, arguments.num_envs, arguments.threads)
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    (arguments.out / "throughput.json").write_text(json.dumps(result, indent=1) + "\n")
+    storage.write_text(arguments.out / "throughput.json", json.dumps(result, indent=1) + "\n")
     print(table(result))
     if find_spec("matplotlib"):
         _plot(result, arguments.out / "throughput.png")

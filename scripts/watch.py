@@ -303,7 +303,7 @@ def _film(arguments: argparse.Namespace) -> Film:
         policies=(arguments.policy, *arguments.vs),
         scenario=scenario,
         force_scale=arguments.force_scale,
-        duration=arguments.duration or scenario.duration,
+        duration=scenario.duration if arguments.duration is None else arguments.duration,
         start=arguments.start or ("steady" if harmonic else "rest"),
         wait=(0.5 if harmonic else 0.0) if arguments.wait is None else arguments.wait,
         slow=arguments.slow,

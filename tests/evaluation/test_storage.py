@@ -96,3 +96,16 @@ def test_the_versions_are_those_installed():
 def test_the_command_is_the_one_that_was_typed(monkeypatch):
     monkeypatch.setattr("sys.argv", ["scripts/compare.py", "--laws", "cnvc"])
     assert re.fullmatch(r"python\S* scripts/compare\.py --laws cnvc", storage.command())
+
+
+def test_where_nothing_can_be_written_is_said_and_nothing_is_made(tmp_path):
+    taken = tmp_path / "taken"
+    taken.touch()
+    for folder in (taken, taken / "deeper" / "still"):
+        with pytest.raises(ValueError, match=r"out must be a folder .*taken is none; give another"):
+            storage.check_folder(folder)
+    with pytest.raises(ValueError, match=r"out must be a file, got the folder .*; give a name in"):
+        storage.check_file(tmp_path)
+    storage.check_folder(tmp_path / "new" / "deeper")
+    storage.check_file(tmp_path / "new" / "file.md")
+    assert [each.name for each in tmp_path.iterdir()] == ["taken"]

@@ -87,6 +87,7 @@ def mine(tmp_path, monkeypatch):
 
         steady, nan, midway, short = Steady(), Nan(), Midway(), Short()
         number = 3
+        dict = dict
 
         def made(scenario):
             assert scenario.actuator.limit[0] <= 280.0
@@ -173,14 +174,28 @@ def test_a_policy_that_fails_does_not_take_the_others_with_it(tmp_path, mine, ca
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("{mine}:nothing", "no policy"),
-        ("no_such_module_here:policy", "no policy"),
-        ("{mine}:number", "has no predict"),
+        ("{mine}:nothing", "no policy '{mine}:nothing': AttributeError: "),
+        ("no_such_module_here:policy", "No module named 'no_such_module_here'; give module:object"),
+        ("{mine}_broken:policy", "no policy '{mine}_broken:policy': SyntaxError: "),
+        ("{mine}:number", "'{mine}:number' is no policy: it has no predict"),
+        ("{here}/cut.onnx", "cut.onnx is not an ONNX policy"),
+        ("{here}", "no recipe.json in "),
     ],
 )
-def test_what_is_no_policy_is_reported(tmp_path, mine, spec, message):
-    assert run(tmp_path, "--baselines", "none", "--policy", spec.format(mine=mine)) == 1
-    assert all(message in failure["error"] for failure in read(tmp_path)["failures"])
+def test_what_is_no_policy_is_refused_before_anything_is_run(tmp_path, mine, capsys, spec, message):
+    (tmp_path / f"{mine}_broken.py").write_text("import this that", encoding="utf-8")
+    (tmp_path / "cut.onnx").write_bytes(b"cut")
+    spec = spec.format(mine=mine, here=tmp_path)
+    assert run(tmp_path / "out", "--baselines", "none", "--policy", spec) == 2
+    said = capsys.readouterr().err
+    assert message.format(mine=mine) in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_policy_that_cannot_be_made_is_reported(tmp_path, mine):
+    assert run(tmp_path, "--baselines", "none", "--policy", f"{mine}:dict") == 1
+    assert all("is not iterable" in failure["error"] for failure in read(tmp_path)["failures"])
     assert {row["policy"] for row in read(tmp_path)["rows"]} == {"none"}
 
 
@@ -202,6 +217,7 @@ def test_results_are_not_overwritten_without_force(tmp_path, capsys):
         (["--policy", "nothing"], "--policy must be module:object"),
         (["--policy", "absent.onnx"], "no file absent.onnx"),
         (["--jobs", "0"], "jobs must be at least 1"),
+        (["--seed", "-1"], "seed must be at least 0, got -1"),
     ],
 )
 def test_bad_arguments_are_refused_before_anything_is_run(tmp_path, capsys, arguments, message):
@@ -244,8 +260,8 @@ def test_an_onnx_file_enters(tmp_path):
     assert len(mine) == 10
     assert {row["reads"] for row in mine} == {"feedback"}
     path.write_bytes(path.read_bytes()[:40])  # cut off
-    assert run(tmp_path / "cut", "--baselines", "none", "--policy", str(path)) == 1
-    assert "is not an ONNX policy" in read(tmp_path / "cut")["failures"][0]["error"]
+    assert run(tmp_path / "cut", "--baselines", "none", "--policy", str(path)) == 2
+    assert not (tmp_path / "cut").exists()
 
 
 @pytest.mark.slow

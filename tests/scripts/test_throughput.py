@@ -73,9 +73,18 @@ def test_candidates_are_timed_in_every_round():
     assert 0.0 < timing.median < 1e-3
 
 
-def test_a_wrong_number_is_refused(capsys):
-    assert throughput.main(["--rounds", "1"]) == 2
-    assert "rounds must be at least 3" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("flag", "value", "message"),
+    [
+        ("--rounds", "1", "rounds must be at least 3, got 1"),
+        ("--threads", "0", "threads must be at least 1, got 0"),
+        ("--num-envs", "0", "num-envs must be at least 1, got 0"),
+        ("--out", __file__, "out must be a folder that can be written to, got "),
+    ],
+)
+def test_a_wrong_number_is_refused(capsys, flag, value, message):
+    assert throughput.main([flag, value]) == 2
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -102,6 +102,7 @@ def test_on_a_display_the_film_is_shown_until_the_window_closes(monkeypatch):
         (["--scenario", "paper-hump", "--start", "steady"], "use --start rest"),
         (["--slow", "0"], "slow must be positive"),
         (["--duration", "-1"], "duration must be positive"),
+        (["--duration", "0"], "duration must be positive, got 0 s"),
         (["--size", "10", "240"], "frame width"),
     ],
 )
