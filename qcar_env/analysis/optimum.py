@@ -55,7 +55,16 @@ from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
 from qcar_env.physics import linear
-from qcar_env.physics.validation import finite, known, non_negative, positive, whole
+from qcar_env.physics.validation import (
+    entries,
+    finite,
+    finite_array,
+    known,
+    non_negative,
+    positive,
+    shown,
+    whole,
+)
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 
 Array = NDArray[np.float64]
@@ -65,6 +74,7 @@ OBJECTIVES: tuple[Objective, ...] = ("max", "sum", "rms")
 SUBDIVISION = 16  # parts of a step between nodes, in which integrals and peaks are bounded
 LARGEST_RATIO = 32  # numerator and denominator of omega / Omega that still share a period
 MOST_HOLDS = 2000  # holds in a program over the periods that a control interval nearly divides
+MOST_NODES = 1_000_000  # in a program, chosen here: gigabytes and hours of the solver
 HOLD_TOLERANCE = 1e-4  # how nearly [-]
 FINE = 256  # holds in a period from which on one node in each is enough
 COUNTED = 512  # nodes in a period at which the displacement is limited, at most
@@ -157,19 +167,23 @@ def period_optimum(
         If the solver fails.
     """
     case = find_scenario(scenario)
-    whole("samples", samples, least=2)
+    samples = whole("samples", samples, 2, MOST_NODES)
+    w = _weights(weights)
+    known("objective", objective, OBJECTIVES)
     period, half = _common_period(case)
     periods = 1
     if dt is not None:
         samples, periods = _commensurate(period, positive("dt", dt, "s"))
-    nodes = (2 if samples <= FINE else 1) if inside is None else whole("inside", inside)
+    nodes = 2 if samples <= FINE else 1
+    if inside is not None:
+        nodes = whole("inside", inside, most=max(1, MOST_NODES // samples))
     half = half and samples % 2 == 0 and periods % 2 == 1
     holds = samples // 2 if half else samples
     times: Array = periods * period / (samples * nodes) * np.arange(holds * nodes + 1.0)
     grid = _grid(case, times, nodes, closing=-1.0 if half else 1.0)
     every = max(1, samples * nodes // (COUNTED * periods))
     hold = period * periods / samples
-    found = _solve(case, grid, None, objective, weights, hold, every=every)
+    found = _solve(case, grid, None, objective, w, hold, every=every)
     return _unfold(found) if half else found
 
 
@@ -221,15 +235,22 @@ def crossing_optimum(
         If the solver fails.
     """
     case = find_scenario(scenario)
-    x0 = np.asarray(state, dtype=np.float64)
-    if x0.shape != (4,) or not np.all(np.isfinite(x0)):
+    x0 = finite_array("state", state)
+    if x0.shape != (4,):
         raise ValueError(
-            f"state must be four finite numbers (x1, x2, v1, v2), got {state!r}; "
+            f"state must be four finite numbers (x1, x2, v1, v2), got {shown(state)}; "
             "give metres and metres a second"
         )
-    whole("inside", inside)
+    w = _weights(weights)
+    known("objective", objective, OBJECTIVES)
+    inside = whole("inside", inside, most=MOST_NODES)
     hold = case.dt if dt is None else positive("dt", dt, "s")
     length = case.duration if duration is None else positive("duration", duration, "s")
+    if length / hold * inside > MOST_NODES:
+        raise ValueError(
+            f"duration must be at most {MOST_NODES} nodes, got {length:g} s with dt = {hold:g} s "
+            f"and inside = {inside}; give a shorter duration or a longer dt"
+        )
     holds = round(length / hold)
     if holds < 1:
         raise ValueError(
@@ -252,7 +273,7 @@ def crossing_optimum(
         order = np.argsort(times)
         times, number = times[order], number[order]
     grid = _grid(case, times, inside, holds=np.floor(number[:-1] + 1e-9).astype(np.intp))
-    return _solve(case, grid, x0, objective, weights, hold, after=after)
+    return _solve(case, grid, x0, objective, w, hold, after=after)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -368,18 +389,12 @@ def _solve(
     grid: _Grid,
     x0: Array | None,
     objective: Objective,
-    weights: Sequence[float],
+    w: Array,
     hold: float,
     *,
     every: int = 1,
     after: float = 0.0,
 ) -> Optimum:
-    known("objective", objective, OBJECTIVES)
-    w = np.array([non_negative("weight", each) for each in weights])
-    if w.shape != (2,) or not np.any(w):
-        raise ValueError(
-            f"weights must be two numbers, one of them positive, got {tuple(weights)}; give (1, 1)"
-        )
     start = None if x0 is None else x0 / grid.scale
     n = len(grid.kind)
     # Nodes that are unknown: 0 .. n - 1 of a closed motion, 1 .. n of a crossing.
@@ -654,6 +669,15 @@ def _unfold(half: Optimum) -> Optimum:
     )
 
 
+def _weights(weights: Sequence[float]) -> Array:
+    found = np.array([non_negative("weight", each) for each in entries(weights)])
+    if found.shape != (2,) or not np.any(found):
+        raise ValueError(
+            f"weights must be two numbers, one of them positive, got {shown(weights)}; give (1, 1)"
+        )
+    return found
+
+
 def _common_period(case: Scenario) -> tuple[float, bool]:
     """Return the period of road and force together [s], and whether half of it turns their sign."""
     road, force = case.road, case.force
@@ -681,9 +705,9 @@ def _common_period(case: Scenario) -> tuple[float, bool]:
 def _commensurate(period: float, dt: float) -> tuple[int, int]:
     """Return the fewest holds and periods of equal length, to `HOLD_TOLERANCE`."""
     for periods in range(1, MOST_HOLDS):
-        holds = round(periods * period / dt)
-        if holds > MOST_HOLDS:
+        if periods * period / dt > MOST_HOLDS + 0.5:
             break
+        holds = round(periods * period / dt)
         if holds >= 2 and abs(holds * dt / (periods * period) - 1.0) <= HOLD_TOLERANCE:
             return holds, periods
     raise ValueError(

@@ -20,7 +20,7 @@ from qcar_env.physics.motion import half_step_angles, substep
 from qcar_env.physics.rk4 import step_fractions
 from qcar_env.physics.roads import Phasor, Road
 from qcar_env.physics.state import State
-from qcar_env.physics.validation import positive
+from qcar_env.physics.validation import finite, positive, whole
 
 Array = NDArray[np.float64]
 
@@ -166,12 +166,18 @@ def rk4_transition(
 
     With a held force and harmonic forcing an RK4 step of the linear plant is itself linear in
     state, force and phasors; this is that map, found by applying the step to unit vectors.
+
+    Raises
+    ------
+    ValueError
+        If `dt` is not positive or `substeps` no whole number from 1 to 1 000 000.
     """
+    dt, substeps = positive("dt", dt, "s"), whole("substeps", substeps, most=1_000_000)
     unit = np.eye(10)
     x = State(*unit[:4])
     u1, u2 = unit[4], unit[5]
     world = World(Phasor(unit[6], unit[7]), Phasor(unit[8], unit[9]))
-    step = step_fractions(positive("dt", dt, "s") / substeps)
+    step = step_fractions(dt / substeps)
     amplitudes = amplitudes_of(road.h, road.omega, force.f, car)
     passage = passage_of(half_step_angles(road.omega, force.Omega, step.full), amplitudes)
     for _ in range(substeps):
@@ -200,6 +206,7 @@ class SteadyState:
 
     def state(self, t: float) -> Array:
         """Return the state at `t` [s], shape (4,)."""
+        finite("t", t, "s")
         return np.real(
             self.road * np.exp(1j * self.omega * t) + self.force * np.exp(1j * self.Omega * t)
         )

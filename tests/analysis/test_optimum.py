@@ -1,5 +1,6 @@
 import dataclasses
 import itertools
+import math
 import time
 
 import numpy as np
@@ -282,6 +283,13 @@ def test_speed_of_two_thousand_steps(scale):
         ({"weights": (1.0, -1.0)}, "weight must not be negative"),
         ({"dt": -0.1}, "dt must be positive"),
         ({"inside": 0}, "inside must be at least 1"),
+        ({"inside": 10**6}, "inside must be at most 15625, got 1000000"),
+        ({"samples": 10**30}, "samples must be at most 1000000, got 1000"),
+        ({"weights": 1}, r"weights must be two numbers, .* got 1; give \(1, 1\)"),
+        ({"weights": {1.0, 2.0}}, r"weights must be two numbers, .* got \{1.0, 2.0\}"),
+        ({"weights": (1.0, "1")}, "weight must be a number, got '1'"),
+        ({"dt": 1e-320}, "dt = .* s nearly divides no number of periods"),
+        ({"objective": ["max"]}, r"unknown objective \['max'\]"),
     ],
 )
 def test_bad_arguments(arguments, message):
@@ -293,6 +301,14 @@ def test_bad_arguments(arguments, message):
     ("arguments", "message"),
     [
         ({"state": (0.0, 0.0)}, "state must be four finite numbers"),
+        ({"state": "abc"}, "state must be finite, got 'abc'"),
+        ({"state": None}, "state must be finite, got None"),
+        ({"state": (0.0, 0.0, math.nan, 0.0)}, r"state must be finite, got \(0.0, 0.0, nan, 0.0\)"),
+        ({"weights": 1}, "weights must be two numbers, .* got 1"),
+        ({"inside": 1.5}, "inside must be a whole number, got 1.5"),
+        ({"duration": 1e300}, r"duration must be at most 1000000 nodes, got 1e\+300 s with dt"),
+        ({"dt": 1e-300}, "duration must be at most 1000000 nodes, got 5 s with dt = 1e-300 s"),
+        ({"start": math.inf}, "start must be finite, got inf s"),
         ({"duration": 0.001}, "duration must hold a control interval"),
         ({"duration": 1.0, "after": 1.0}, "after must be below the duration"),
     ],

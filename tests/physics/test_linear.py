@@ -279,3 +279,25 @@ def test_an_undamped_car_off_resonance_has_one():
     slow, fast = linear.modes(UNDAMPED)
     road = roads.harmonic(h=0.1, omega=0.5 * (slow.frequency + fast.frequency))
     assert min(linear.steady_state(UNDAMPED, road, PAPER_FORCE).amplitudes) > 0.0
+
+
+@pytest.mark.parametrize(
+    ("dt", "substeps", "message"),
+    [
+        (0.005, 0, "substeps must be at least 1, got 0; give 1 or more"),
+        (0.005, 1.5, "substeps must be a whole number, got 1.5"),
+        (0.005, None, "substeps must be a whole number, got None"),
+        (0.005, 10**9, "substeps must be at most 1000000, got 1000000000"),
+        (0.0, 4, "dt must be positive, got 0 s"),
+        (math.nan, 4, "dt must be finite, got nan s"),
+    ],
+)
+def test_the_steps_of_an_rk4_transition_are_checked(dt, substeps, message):
+    with pytest.raises(ValueError, match=message):
+        linear.rk4_transition(PAPER, PAPER_ROAD, PAPER_FORCE, dt, substeps)
+
+
+@pytest.mark.parametrize("t", [None, math.nan, math.inf])
+def test_a_steady_state_is_read_at_a_finite_time(t):
+    with pytest.raises(ValueError, match=f"t must be .*, got {t}.*; give a finite number"):
+        linear.steady_state(PAPER, PAPER_ROAD, PAPER_FORCE).state(t)
