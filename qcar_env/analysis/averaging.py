@@ -48,7 +48,7 @@ from qcar_env.control.passive import Passive
 from qcar_env.control.pd import PD
 from qcar_env.control.ppf import PPF
 from qcar_env.physics.state import Filter, State
-from qcar_env.physics.validation import known, whole
+from qcar_env.physics.validation import entries, finite_array, known, shown, whole
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
@@ -58,6 +58,7 @@ FORMS: tuple[Form, ...] = ("frozen", "natural", "rotating")
 
 # Fourier sums over this many samples of a period are exact for polynomial laws up to degree 62.
 SAMPLES = 64
+MOST_SAMPLES = 1_000_000  # chosen here
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,15 +250,19 @@ def slow_motion(
     Raises
     ------
     ValueError
-        If the integration does not reach the end; the message says at which time.
+        If the integration does not reach the end; the message says at which time. If the times do
+        not increase, or the start is not two numbers.
     """
-    times = np.asarray(t, dtype=float)
+    times = finite_array("t", t, "s")
+    if times.ndim != 1 or times.size < 2 or np.any(np.diff(times) <= 0.0):
+        raise ValueError(f"t must be two or more rising times [s], got {shown(t)}; give such")
+    A1, A2 = two_amplitudes("start", start)
     flow = SlowFlow(cars=stack([car]), form=form)
 
     def rate(_: float, z: Array) -> Array:
         return flow.flow(z[:, None])[:, 0]
 
-    z0 = np.array([start[0].real, start[0].imag, start[1].real, start[1].imag])
+    z0 = np.array([A1.real, A1.imag, A2.real, A2.imag])
     solution: Any = solve_ivp(
         rate, (times[0], times[-1]), z0, t_eval=times, rtol=1e-8, atol=1e-10, method="LSODA"
     )
@@ -268,6 +273,26 @@ def slow_motion(
         )
     a1, theta1, a2, theta2 = polar(solution.y)
     return SlowMotion(t=times, a1=a1, theta1=theta1, a2=a2, theta2=theta2, omega=car.omega)
+
+
+def two_amplitudes(name: str, value: Any) -> tuple[complex, complex]:
+    """Return complex amplitudes ``(A1, A2)`` [m].
+
+    Raises
+    ------
+    ValueError
+        If `value` is not two finite numbers.
+    """
+    try:
+        found = np.array(entries(value))
+    except ValueError:  # entries of different lengths
+        found = np.array(None)
+    if found.shape != (2,) or found.dtype.kind not in "iufc" or not np.isfinite(found).all():
+        raise ValueError(
+            f"{name} must be two finite amplitudes (A1, A2) in m, got {shown(value)}; "
+            "give two complex numbers"
+        )
+    return complex(found[0]), complex(found[1])
 
 
 def polar(z: Array) -> tuple[Array, Array, Array, Array]:
@@ -388,7 +413,8 @@ def average_force(
     A law may mix both masses' readings. For smooth laws the sum converges faster than any power
     of `samples`; for a law with a kink (saturation) the error falls as ``samples^-2``.
     """
-    phase = 2.0 * np.pi * np.arange(whole("samples", samples, least=4)) / samples
+    samples = whole("samples", samples, 4, MOST_SAMPLES)
+    phase = 2.0 * np.pi * np.arange(samples) / samples
     turn = np.exp(1j * phase)
 
     def sampled(amplitude: ComplexArray) -> Array:

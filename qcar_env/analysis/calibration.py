@@ -27,7 +27,7 @@ from qcar_env.analysis.table1 import PRINTED, PrintedRow
 from qcar_env.control import CNVC, NDF, PPF, Passive
 from qcar_env.control.law import Law
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.validation import positive
+from qcar_env.physics.validation import entries, finite, non_negative, positive, shown, store
 
 Array = NDArray[np.float64]
 
@@ -52,6 +52,14 @@ class Candidate:
     zeta_ppf1: float  # wheel [-]
     zeta_ppf2: float  # body [-]
     h: float = 0.1  # [m]; acts only through mu1 h and mu2 h, so it is not fitted
+
+    def __post_init__(self) -> None:
+        """Check every number."""
+        for name in ("omega", "zeta_ndf", "zeta_ppf1", "zeta_ppf2"):
+            store(self, **{name: positive(name, getattr(self, name))})
+        for name in ("b1", "b2", "E1", "E2", "E3", "mu1", "mu2"):
+            store(self, **{name: non_negative(name, getattr(self, name))})
+        store(self, f=finite("f", self.f), h=finite("h", self.h))
 
     def under(self, law: Law) -> ForcedCar:
         """Return the car under a law of Table 1, filters as calibrated."""
@@ -166,14 +174,20 @@ def fit(start: Candidate, *, fitted: Sequence[str] = FITTED) -> Fit:
     Raises
     ------
     ValueError
-        If a name has no bounds.
+        If there is no name, a name has no bounds, or the start's value is not positive.
     """
-    names = tuple(fitted)
+    names = entries(fitted)
+    if not names:
+        raise ValueError(
+            f"nothing to fit, got {shown(fitted)}; give names out of {', '.join(BOUNDS)}"
+        )
     for name in names:
-        if name not in BOUNDS:
+        if not isinstance(name, str) or name not in BOUNDS:
             raise ValueError(f"cannot fit {name!r}; free parameters are {', '.join(BOUNDS)}")
     low, high = np.log(np.array([BOUNDS[name] for name in names])).T
-    x0 = np.clip(np.log([getattr(start, name) for name in names]), low + 1e-6, high - 1e-6)
+    x0 = np.clip(
+        np.log([positive(name, getattr(start, name)) for name in names]), low + 1e-6, high - 1e-6
+    )
 
     def at(x: Array) -> Candidate:
         values = {name: float(value) for name, value in zip(names, np.exp(x), strict=True)}
@@ -211,18 +225,24 @@ def profile(
     tuple of Fit
         In the order of `omegas`. The fits go outward from the start's own frequency, each from
         its inner neighbour, with the forcing scaled so that all terms keep their proportions.
+
+    Raises
+    ------
+    ValueError
+        If a frequency is not positive, or as `fit`.
     """
-    for omega in omegas:
-        positive("omega", omega, "rad/s")
+    asked = [positive("omega", omega, "rad/s") for omega in entries(omegas)]
+    if not asked:
+        raise ValueError(f"omegas must be frequencies [rad/s], got {shown(omegas)}; give some")
     found: dict[float, Fit] = {}
-    outward = sorted(set(omegas), key=lambda omega: abs(np.log(omega / start.omega)))
+    outward = sorted(set(asked), key=lambda omega: abs(np.log(omega / start.omega)))
     for omega in outward:
         inner = min(found, key=lambda done: abs(np.log(omega / done)), default=None)
         last = start if inner is None else found[inner].candidate
         scale = omega / last.omega
         moved = dataclasses.replace(last, omega=omega, mu1=last.mu1 * scale, f=last.f * scale)
         found[omega] = fit(moved, fitted=fitted)
-    return tuple(found[omega] for omega in omegas)
+    return tuple(found[omega] for omega in asked)
 
 
 @dataclass(frozen=True, kw_only=True)

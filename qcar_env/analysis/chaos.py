@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.analysis.harmonic_balance import PeriodicSystem
-from qcar_env.analysis.periodic_orbit import STEPS, flow_map
+from qcar_env.analysis.harmonic_balance import PeriodicSystem, of_each_state
+from qcar_env.analysis.periodic_orbit import MOST_PERIODS, STEPS, flow_map
 from qcar_env.physics.validation import whole
 
 Array = NDArray[np.float64]
@@ -62,17 +62,23 @@ def largest_lyapunov_exponent(
     Returns
     -------
     LyapunovExponents
+
+    Raises
+    ------
+    ValueError
+        If `start` has another shape, or a count is no whole number within its range.
     """
-    count = whole("periods", periods)
+    count = whole("periods", periods, most=MOST_PERIODS)
+    settle = whole("settle", settle, 0, MOST_PERIODS)
     scale = np.asarray(system.scale, dtype=float)
     period = 2.0 * np.pi / np.asarray(system.omega, dtype=float)
-    base = np.asarray(start, dtype=float)[:, :, None]
+    base = of_each_state("start", start, system)[:, :, None]
     aside = rng.standard_normal(scale.shape)
     aside *= SEPARATION / np.linalg.norm(aside, axis=0)
     grown = np.zeros(scale.shape[1])
     history = np.empty((count, scale.shape[1]))
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        for index in range(whole("settle", settle, least=0) + count):
+        for index in range(settle + count):
             pair = np.concatenate([base, base + (scale * aside)[:, :, None]], axis=2)
             moved = flow_map(system, pair, steps=steps)
             base = moved[:, :, :1]
@@ -114,11 +120,18 @@ def poincare_section(
     Returns
     -------
     ndarray (m, n, periods)
+
+    Raises
+    ------
+    ValueError
+        If `start` has another shape, or a count is no whole number within its range.
     """
-    state = np.asarray(start, dtype=float)[:, :, None]
-    state = flow_map(system, state, periods=whole("settle", settle, least=0), steps=steps)
-    section = np.empty((*state.shape[:2], whole("periods", periods)))
-    for index in range(periods):
+    count = whole("periods", periods, most=MOST_PERIODS)
+    settle = whole("settle", settle, 0, MOST_PERIODS)
+    state = of_each_state("start", start, system)[:, :, None]
+    state = flow_map(system, state, periods=settle, steps=steps)
+    section = np.empty((*state.shape[:2], count))
+    for index in range(count):
         section[:, :, index] = state[:, :, 0]
         state = flow_map(system, state, steps=steps)
     return section

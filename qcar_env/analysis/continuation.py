@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from qcar_env.analysis.newton import newton
-from qcar_env.physics.validation import finite, positive, whole
+from qcar_env.physics.validation import finite, positive, shown, whole
 
 Array = NDArray[np.float64]
 Residual = Callable[[Array, float], Array]
 Test = Callable[[Array, float], float]
 
 CORRECTIONS = 8  # Newton steps before a point is tried again with half the arc length
+MOST_POINTS = 1_000_000  # of a branch, chosen here: hours
 STRAIGHT = 0.9  # cosine of the angle by which the branch may turn in one step [-]
 SHORTEST = 1e-7  # arc length at which the branch is given up, in scaled units [-]
 
@@ -119,14 +120,14 @@ def follow(
     ValueError
         If the range is empty or a number is out of range.
     """
-    finite("p_start", p_start)
-    finite("p_end", p_end)
-    positive("step", step)
-    positive("longest", longest)
-    whole("max_points", max_points, least=2)
+    p_start, p_end = finite("p_start", p_start), finite("p_end", p_end)
+    step, longest = positive("step", step), positive("longest", longest)
+    max_points = whole("max_points", max_points, 2, MOST_POINTS)
     if p_start == p_end:
         raise ValueError(f"parameter range must not be empty, got {p_start:g} at both ends")
-    z0 = np.array(z, dtype=float)
+    z0 = np.array(z)
+    if z0.ndim != 1 or not z0.size or z0.dtype.kind not in "iuf":
+        raise ValueError(f"z must be the unknowns (m,) in a row, got {shown(z)}; give a guess")
     first = newton(
         lambda c: equations.residual(c, p_start),
         lambda c: equations.jacobian(c, p_start),

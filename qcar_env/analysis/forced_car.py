@@ -33,7 +33,7 @@ from qcar_env.physics.dynamics import Coefficients, forcing_by
 from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.roads import Road, harmonic
 from qcar_env.physics.state import Filter, State
-from qcar_env.physics.validation import finite, known, positive
+from qcar_env.physics.validation import finite, finite_array, known, positive, store
 from qcar_env.scenarios import Scenario
 
 Array = NDArray[np.float64]
@@ -82,9 +82,12 @@ class ForcedCar:
 
     def __post_init__(self) -> None:
         """Check every argument."""
-        finite("h", self.h, "m")
-        finite("f", self.f, "m/s^2")
-        positive("omega", self.omega, "rad/s")
+        store(
+            self,
+            h=finite("h", self.h, "m"),
+            f=finite("f", self.f, "m/s^2"),
+            omega=positive("omega", self.omega, "rad/s"),
+        )
         self.law.check(self.car)
 
     @property
@@ -332,7 +335,7 @@ def stack(cars: Sequence[ForcedCar]) -> ForcedCars:
 
 def sweep(car: ForcedCar, name: str, values: ArrayLike) -> Iterator[ForcedCar]:
     """Yield `car` with parameter `name` at each of `values`, array (n,) (see `ForcedCar.vary`)."""
-    for value in np.asarray(values, dtype=float).ravel():
+    for value in finite_array(f"values of {name}", values).ravel():
         yield car.vary(name, float(value))
 
 

@@ -21,17 +21,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.analysis import continuation
-from qcar_env.analysis.averaging import Form, SlowFlow, polar
+from qcar_env.analysis.averaging import Form, SlowFlow, polar, two_amplitudes
 from qcar_env.analysis.forced_car import ForcedCar, ForcedCars, stack, sweep
-from qcar_env.analysis.harmonic_balance import DENSE, HarmonicBalance, balance
+from qcar_env.analysis.harmonic_balance import DENSE, MOST_HARMONICS, HarmonicBalance, balance
 from qcar_env.analysis.newton import newton
 from qcar_env.analysis.periodic_orbit import monodromy
-from qcar_env.physics.validation import known, whole
+from qcar_env.physics.validation import finite, known, positive, whole
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 Method = Literal["averaging", "harmonic balance"]
+MOST_STARTS = 100_000  # of one search, chosen here: minutes
 METHODS: tuple[Method, ...] = ("averaging", "harmonic balance")
 
 
@@ -179,15 +180,18 @@ def response(
     ------
     ValueError
         If the parameter is unknown, or if either end of the range is no car (for example a
-        detuning that brings a natural frequency to zero).
+        detuning that brings a natural frequency to zero); if an argument is out of range.
     """
     known("method", method, METHODS)
+    start, end = finite("start", start), finite("end", end)
+    harmonics = whole("harmonics", harmonics, most=MOST_HARMONICS)
     some = stack(list(sweep(car, parameter, np.linspace(start, end, 9))))
     at = _at(car, parameter)
     if guess is None:
         z0 = newton_start(some.select([0]), form)[:, 0]
     else:
-        z0 = np.array([guess[0].real, guess[0].imag, guess[1].real, guess[1].imag])
+        A1, A2 = two_amplitudes("guess", guess)
+        z0 = np.array([A1.real, A1.imag, A2.real, A2.imag])
     if method == "averaging":
         equations = _averaging_equations(at, form)
         scale = _scale_of(some, form)
@@ -240,12 +244,17 @@ def solutions(
     FixedPoints
         The different ones that were found, smallest `a2` first. That there are no others is likely
         for many starts, not proved.
+
+    Raises
+    ------
+    ValueError
+        If `starts` or `largest` is out of range.
     """
-    count = whole("starts", starts)
+    count = whole("starts", starts, most=MOST_STARTS)
     one = stack([car])
     cars = one.select(np.zeros(count, dtype=int))
     flow = SlowFlow(cars=cars, form=form)
-    bound = 2.0 * _bound(car) if largest is None else largest
+    bound = 2.0 * _bound(car) if largest is None else positive("largest", largest, "m")
     radius = bound * rng.random((2, count))
     angle = 2.0 * np.pi * rng.random((2, count))
     A = radius * np.exp(1j * angle)

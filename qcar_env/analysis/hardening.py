@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from qcar_env.control.law import Command, FilterRate
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.validation import finite, non_negative
+from qcar_env.physics.validation import finite, non_negative, store
 
 
 class HardeningGains(NamedTuple):
@@ -60,10 +60,13 @@ class Hardening:
 
     def __post_init__(self) -> None:
         """Check the coefficients."""
-        finite("alpha1", self.alpha1, "1/(m^2 s^2)")
-        finite("alpha2", self.alpha2, "1/(m^2 s^2)")
-        non_negative("gain G1", self.G1, "s/m^2")
-        non_negative("gain G2", self.G2, "s/m^2")
+        store(
+            self,
+            alpha1=finite("alpha1", self.alpha1, "1/(m^2 s^2)"),
+            alpha2=finite("alpha2", self.alpha2, "1/(m^2 s^2)"),
+            G1=non_negative("gain G1", self.G1, "s/m^2"),
+            G2=non_negative("gain G2", self.G2, "s/m^2"),
+        )
 
     @property
     def gains(self) -> HardeningGains:

@@ -14,16 +14,18 @@ Everything is vectorised over n systems.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.analysis.newton import newton
-from qcar_env.physics.validation import whole
+from qcar_env.physics.validation import shown, store, whole
 
 Array = NDArray[np.float64]
 
+MOST_HARMONICS = 1000  # chosen here: with a filter their Jacobian fills 2 GiB for each system
+MOST_SAMPLES = 1_000_000  # of a period, chosen here
 DENSE = 1024  # samples of a period that a peak is read from: error below 5e-6 of it
 
 
@@ -59,7 +61,7 @@ class HarmonicBalance:
     system : PeriodicSystem
         The systems.
     harmonics : int
-        Highest harmonic H; at least 1.
+        Highest harmonic H; 1 to 1000.
     samples : int or None, optional
         Samples of a period for the Fourier sum; more than ``4 H`` are exact for cubic laws.
         Default: the first power of two above that, at least 16.
@@ -68,6 +70,11 @@ class HarmonicBalance:
     -----
     Unknowns ``z`` are ordered (m (2 H + 1), n): for each state ``c_0, c_1, d_1, c_2, d_2, ...``,
     over the state's `scale`.
+
+    Raises
+    ------
+    ValueError
+        If `harmonics` or `samples` is no whole number within its range.
     """
 
     system: PeriodicSystem
@@ -76,9 +83,10 @@ class HarmonicBalance:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        whole("harmonics", self.harmonics)
+        store(self, harmonics=whole("harmonics", self.harmonics, most=MOST_HARMONICS))
         if self.samples is not None:
-            whole("samples", self.samples, least=2 * self.harmonics + 2)
+            least = 2 * self.harmonics + 2
+            store(self, samples=whole("samples", self.samples, least, MOST_SAMPLES))
 
     @property
     def coefficients(self) -> int:
@@ -173,8 +181,14 @@ class PeriodicMotions:
         return np.max(np.abs(self.states(2.0 * np.pi * np.arange(DENSE) / DENSE)), axis=2)
 
     def amplitude(self, harmonic: int = 1) -> NDArray[np.complex128]:
-        """Return the complex amplitudes A of one harmonic, ``Re(A exp(i k omega t))``, (m, n)."""
-        k = whole("harmonic", harmonic)
+        """Return the complex amplitudes A of one harmonic, ``Re(A exp(i k omega t))``, (m, n).
+
+        Raises
+        ------
+        ValueError
+            If the motions have no such harmonic.
+        """
+        k = whole("harmonic", harmonic, most=self.harmonics)
         return self.coefficients[:, :, 2 * k - 1] - 1j * self.coefficients[:, :, 2 * k]
 
 
@@ -202,12 +216,18 @@ def balance(
     -------
     PeriodicMotions
         With `converged` false where Newton's method failed; the rest is valid.
+
+    Raises
+    ------
+    ValueError
+        If `start` has another shape, or a number is out of range.
     """
     equations = HarmonicBalance(system=system, harmonics=harmonics, samples=samples)
     m, n = system.dimension, len(system.omega)
     c = np.zeros((m, n, equations.coefficients))
     if start is not None:
-        c[:, :, 1], c[:, :, 2] = start.real, -start.imag
+        given = of_each_state("start", start, system, kinds="iufc").astype(np.complex128)
+        c[:, :, 1], c[:, :, 2] = given.real, -given.imag
     c /= system.scale[:, :, None]
     z = np.moveaxis(c, 1, 2).reshape(-1, n)
     found = newton(equations.residual, equations.jacobian, z)
@@ -218,6 +238,40 @@ def balance(
         converged=found.converged,
         residual=found.residual,
     )
+
+
+def of_each_state(
+    name: str, values: Any, system: PeriodicSystem, *, kinds: str = "iuf"
+) -> NDArray[Any]:
+    """Return `values` as an array (m, n), one number for each state of each system.
+
+    Parameters
+    ----------
+    name : str
+        What they are, for the message.
+    values : array_like (m, n)
+        The numbers; they may be NaN where a solver found none.
+    system : PeriodicSystem
+        n systems.
+    kinds : str, optional
+        Kinds of number allowed, as `numpy.dtype.kind` has them; real ones by default.
+
+    Raises
+    ------
+    ValueError
+        If they are no numbers, or have another shape.
+    """
+    shape = system.dimension, len(system.omega)
+    try:
+        found = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        found = np.array(None)
+    if found.shape != shape or found.dtype.kind not in kinds:
+        raise ValueError(
+            f"{name} must be numbers of shape {shape}, got {shown(values)}; "
+            "give one for each state of each system"
+        )
+    return found
 
 
 def rate_jacobian(system: PeriodicSystem, states: Array, phase: Array) -> Array:

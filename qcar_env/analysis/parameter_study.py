@@ -18,7 +18,7 @@ from qcar_env.analysis.forced_car import ForcedCar
 from qcar_env.analysis.frequency_response import Method, Response, response
 from qcar_env.analysis.simulate import steady_amplitudes
 from qcar_env.physics.state import State
-from qcar_env.physics.validation import known
+from qcar_env.physics.validation import finite_array, known, shown
 
 Array = NDArray[np.float64]
 
@@ -180,12 +180,16 @@ def response_curves(
 
 
 def _axes(car: ForcedCar, ranges: Mapping[str, ArrayLike]) -> dict[str, Array]:
-    if not ranges:
-        raise ValueError("a study needs at least one parameter, got none; give name and values")
+    mapped = isinstance(ranges, Mapping)  # pyright: ignore[reportUnnecessaryIsInstance]
+    if not mapped or not ranges:
+        raise ValueError(
+            f"a study needs at least one parameter, got {'none' if mapped else shown(ranges)}; "
+            "give name and values"
+        )
     axes: dict[str, Array] = {}
     for name, values in ranges.items():
         known("parameter", name, car.parameters)
-        axes[name] = np.atleast_1d(np.asarray(values, dtype=float)).ravel()
+        axes[name] = finite_array(f"values of {name}", values).ravel()
         if axes[name].size == 0:
             raise ValueError(f"values of {name} must not be empty; give at least one")
     return axes

@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.analysis.averaging import numerical_jacobian
-from qcar_env.analysis.harmonic_balance import PeriodicSystem
+from qcar_env.analysis.harmonic_balance import MOST_SAMPLES, PeriodicSystem, of_each_state
 from qcar_env.analysis.newton import newton
 from qcar_env.physics.rk4 import rk4_step, step_fractions
 from qcar_env.physics.validation import whole
 
 Array = NDArray[np.float64]
 
+MOST_PERIODS = 1_000_000  # of one call, chosen here: hours
 FINER = 8  # times as many samples, by Fourier interpolation, for the peaks of an orbit
 STEPS = 256  # RK4 steps a period: (2 pi / 256)^4 / 120 = 3e-9 of a period's phase
 
@@ -72,15 +73,21 @@ def flow_map(
     Returns
     -------
     ndarray (m, n, k)
+
+    Raises
+    ------
+    ValueError
+        If `periods` or `steps` is no whole number within its range.
     """
-    for _ in range(whole("periods", periods, least=0)):
+    for _ in range(whole("periods", periods, 0, MOST_PERIODS)):
         *_, state = orbit_states(system, state, steps=steps)
     return state
 
 
 def orbit_states(system: PeriodicSystem, state: Array, *, steps: int = STEPS) -> Iterator[Array]:
     """Yield the states (m, n, k) after each of `steps` RK4 steps of one period."""
-    step = step_fractions((2.0 * np.pi / whole("steps", steps) / system.omega)[:, None])
+    steps = whole("steps", steps, most=MOST_SAMPLES)
+    step = step_fractions((2.0 * np.pi / steps / system.omega)[:, None])
     turn = 2.0 * np.pi / steps
     x = np.asarray(state, dtype=float)
     for index in range(steps):
@@ -120,7 +127,13 @@ def periodic_orbits(system: PeriodicSystem, start: Array, *, steps: int = STEPS)
     -------
     PeriodicOrbits
         With `converged` false where the iteration failed.
+
+    Raises
+    ------
+    ValueError
+        If `start` has another shape, or `steps` is no whole number within its range.
     """
+    start, steps = of_each_state("start", start, system), whole("steps", steps, most=MOST_SAMPLES)
     scale = np.asarray(system.scale, dtype=float)
 
     def defect(z: Array) -> Array:

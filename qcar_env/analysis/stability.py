@@ -34,10 +34,12 @@ from qcar_env.analysis.harmonic_balance import balance
 from qcar_env.analysis.periodic_orbit import periodic_orbits
 from qcar_env.control.cnvc import CNVC
 from qcar_env.control.passive import Passive
+from qcar_env.physics.validation import finite, finite_array, shown, whole
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
+MOST_SAMPLES = 1_000_000  # of a parameter, chosen here: hours
 CONDITIONS = (
     "Gamma1 > 0",
     "Gamma1 Gamma2 - Gamma3 > 0",
@@ -170,7 +172,17 @@ def characteristic_polynomial(matrices: Array) -> Array:
     """Return Gamma1 ... Gamma4 of (39) for matrices (n, 4, 4), shape (4, n).
 
     Faddeev and LeVerrier's recursion: exact in the entries, without eigenvalues.
+
+    Raises
+    ------
+    ValueError
+        If the matrices have another shape.
     """
+    if np.shape(matrices)[1:] != (4, 4):
+        raise ValueError(
+            f"matrices must have shape (n, 4, 4), got {shown(np.shape(matrices))}; "
+            "give one or more of them"
+        )
     identity = np.eye(4)
     gammas = np.empty((4, matrices.shape[0]))
     helper = np.broadcast_to(identity, matrices.shape)
@@ -241,12 +253,18 @@ def first_loss(
     StabilityLoss or None
         ``None`` if every value is stable.
 
+    Raises
+    ------
+    ValueError
+        If the parameter is unknown or a number out of range.
+
     Notes
     -----
     Meant for a response without folds: the fixed point nearest to rest is taken at each value.
     On a folded response follow the branch with `qcar_env.analysis.frequency_response.response`.
     """
-    values = np.linspace(start, end, samples)
+    start, end = finite("start", start), finite("end", end)
+    values = np.linspace(start, end, whole("samples", samples, 2, MOST_SAMPLES))
 
     def conditions(p: float) -> tuple[RouthHurwitz, FixedPoints]:
         cars = stack([car.vary(parameter, p)])
@@ -340,8 +358,8 @@ def stability_map(
     """
     if x == y:
         raise ValueError(f"a map needs two different parameters, got {x!r} twice")
-    columns = np.asarray(x_values, dtype=float).ravel()
-    rows = np.asarray(y_values, dtype=float).ravel()
+    columns = finite_array(f"values of {x}", x_values).ravel()
+    rows = finite_array(f"values of {y}", y_values).ravel()
     cars = stack([car.vary(y, float(b)).vary(x, float(a)) for b in rows for a in columns])
     points = fixed_points(cars, form=form)
     conditions = routh_hurwitz(_cartesian_jacobian(cars, points, form))
