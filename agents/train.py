@@ -184,6 +184,17 @@ def train(
     return result
 
 
+def check_new(folder: Path, *, force: bool = False) -> None:
+    """Raise ValueError where a training cannot begin in a folder (`force`: see `train`)."""
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"a run needs a folder, got the file {folder}; give another --out")
+    if folder.exists() and any(folder.iterdir()) and not force:
+        raise ValueError(
+            f"{folder} is not empty; resume it with --resume, replace its run with --force, "
+            "or give another --out"
+        )
+
+
 def score_all(policy: Policy, recipe: Recipe, split: Split) -> dict[str, dict[str, float]]:
     """Score a policy at each of a recipe's force limits.
 
@@ -340,11 +351,7 @@ def _open(
     )
     if resume:
         return _checkpoint(folder, described)
-    if folder.exists() and any(folder.iterdir()) and not force:
-        raise ValueError(
-            f"{folder} is not empty; resume it with --resume, replace its run with --force, "
-            "or give another --out"
-        )
+    check_new(folder, force=force)
     for name in ("policy.onnx", "result.json", "checkpoint.pt", "progress.csv"):
         (folder / name).unlink(missing_ok=True)
     write_json(folder / "recipe.json", described)
@@ -357,7 +364,7 @@ def _checkpoint(folder: Path, described: dict[str, Any]) -> dict[str, Any]:
     try:
         before = json.loads((folder / "recipe.json").read_text(encoding="utf-8"))
         made_with = json.loads((folder / "versions.json").read_text(encoding="utf-8"))
-    except (FileNotFoundError, json.JSONDecodeError) as error:
+    except (OSError, json.JSONDecodeError) as error:
         raise ValueError(
             f"{folder} is no run folder that can be resumed ({error}); start it again with --force"
         ) from None
@@ -402,7 +409,7 @@ def resumed_recipe(folder: Path) -> tuple[str, str, int, int]:
     try:
         found = json.loads((folder / "recipe.json").read_text(encoding="utf-8"))
         return found["algorithm"], found["task"], int(found["seed"]), int(found["steps"])
-    except (FileNotFoundError, json.JSONDecodeError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(
             f"{folder} is no run folder ({type(error).__name__}: {error}); "
             "give one that scripts/train.py made"

@@ -40,6 +40,7 @@ Array = NDArray[np.float64]
 DURATION = 15.0  # [s] of a training crossing: three time constants of the slow mode
 PERIODS = 20  # whole periods at its end over which the amplitude is taken
 VARIED = 48  # training crossings where scenarios vary; to 8 of them, 16 gains fit too well
+LEAST_POPULATION = 5  # candidates in a generation, scipy's
 SETTLED = 60.0  # [s] from rest, of the validation that chooses between the searches
 
 
@@ -177,9 +178,10 @@ def tune(
         If the baseline has nothing to search or a number is out of range.
     """
     search = SEARCHES[known("baseline to tune", baseline, SEARCHES)]
-    whole("population", population, least=5)
+    whole("population", population, least=LEAST_POPULATION)
+    whole("seed", seed, least=0)
     varies = track.nominal.randomisation is not None
-    count = crossings or (VARIED if varies else 1)
+    count = (VARIED if varies else 1) if crossings is None else whole("crossings", crossings)
     nominal = track.at(force_scale)
     training = episodes(track, "training", force_scale=force_scale, count=count)
     cars = Crossings([_on_optimum(each) for each in training])
@@ -241,10 +243,22 @@ def validate(
 
 
 def load(path: Path = catalogue.STORE) -> tuple[Tuned, ...]:
-    """Return the stored gains; empty if there is no such file."""
+    """Return the stored gains; empty if there is no such file.
+
+    Raises
+    ------
+    ValueError
+        If the file holds something else.
+    """
     if not path.exists():
         return ()
-    return tuple(Tuned(**each) for each in json.loads(path.read_text(encoding="utf-8")))
+    try:
+        return tuple(Tuned(**each) for each in json.loads(path.read_text(encoding="utf-8")))
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"{path} holds no tuned gains ({type(error).__name__}: {error}); restore it, or give "
+            "another file"
+        ) from None
 
 
 def _on_optimum(case: Episode) -> Episode:

@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         storage.check_folder(out)
         if (out / "result.json").exists() and not arguments.force:
             raise ValueError(f"{out} already holds results; give --force to replace them, or --out")
-        tracks = [track(name) for name in arguments.tracks]
+        tracks = [track(name) for name in dict.fromkeys(arguments.tracks)]
         entered = (
             *contestants.baselines(arguments.baselines),
             *(() if arguments.no_agents else contestants.agents()),

@@ -7,7 +7,6 @@ python scripts/calibrate.py --omegas 40 55 70
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -21,6 +20,8 @@ from qcar_env.analysis.forced_car import from_scenario
 from qcar_env.analysis.paper_experiments import trends
 from qcar_env.analysis.table1 import PRINTED
 from qcar_env.control import CNVC
+from qcar_env.evaluation import storage
+from qcar_env.physics.validation import positive
 from qcar_env.scenarios import scenario
 
 OMEGAS = (26.0, 33.0, 40.0, 47.0, 55.0, 60.0, 66.0)  # [rad/s]
@@ -30,6 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Fit, print and write; return the exit status."""
     arguments = _parse(argv)
     try:
+        storage.check_folder(arguments.out)
+        for omega in arguments.omegas:
+            positive("omega", omega, "rad/s")
         start = calibration.candidate_of(from_scenario(scenario(arguments.preset)))
         calibrate(start, arguments.omegas, arguments.out)
     except ValueError as error:
@@ -80,12 +84,9 @@ def calibrate(start: calibration.Candidate, omegas: Sequence[float], out: Path) 
         )
         rows.append({**asdict(each.candidate), "rms": each.cost, "worst": each.worst})
     print("Many sets match the table: the preset is one of them, not the authors' values.")
-    out.mkdir(parents=True, exist_ok=True)
-    (out / "calibration.json").write_text(
-        json.dumps(
-            {"preset": asdict(start), "refit": asdict(refit.candidate), "profile": rows}, indent=1
-        ),
-        encoding="utf-8",
+    storage.write_json(
+        out / "calibration.json",
+        {"preset": asdict(start), "refit": asdict(refit.candidate), "profile": rows},
     )
     print(f"written to {out / 'calibration.json'}")
 

@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             out=arguments.out,
             report=arguments.report,
         )
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, RuntimeError) as error:  # the last: what MPC needs is absent
         print(f"compare: {error}", file=sys.stderr)
         return 2
     return 0
@@ -77,8 +77,7 @@ def compare(
     length = STEADY if harmonic else base.duration
     if duration is not None:
         length = positive("duration", duration, "s")
-    if out.exists() and not out.is_dir():
-        raise ValueError(f"--out must be a folder, got the file {out}; give another name")
+    storage.check_folder(out)
     policies = {name: catalogue.make(name, base, **gains.get(name, {})) for name in laws}
     for name in gains:
         known("law with gains", name, policies)

@@ -99,7 +99,7 @@ def baselines(names: Sequence[str] | None = None) -> tuple[Contestant, ...]:
     ValueError
         If a name is unknown.
     """
-    chosen = catalogue.everything() if names is None else tuple(names)
+    chosen = catalogue.everything() if names is None else tuple(dict.fromkeys(names))
     for name in chosen:
         known("baseline", name, catalogue.everything())
     published = [

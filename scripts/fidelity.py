@@ -18,6 +18,7 @@ from qcar_env.analysis.forced_car import from_scenario
 from qcar_env.analysis.paper_experiments import trends, with_law
 from qcar_env.analysis.table1 import PRINTED, table1
 from qcar_env.control import CNVC
+from qcar_env.evaluation import storage
 from qcar_env.scenarios import Scenario, scenario
 
 ROOT = Path(__file__).parents[1]
@@ -57,13 +58,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Compute and write the page; return the exit status."""
     arguments = _parse(argv)
     try:
+        storage.check_file(arguments.out)
         preset = scenario(arguments.preset)
         text = page(preset)
     except ValueError as error:
         print(f"fidelity: {error}", file=sys.stderr)
         return 2
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    arguments.out.write_text(text, encoding="utf-8")
+    storage.write_text(arguments.out, text)
     print(f"written to {arguments.out}")
     return 0
 

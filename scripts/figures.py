@@ -30,6 +30,7 @@ from qcar_env.analysis.simulate import Simulation
 from qcar_env.analysis.table1 import table1
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import Law
+from qcar_env.evaluation import storage
 from qcar_env.physics.validation import known
 from qcar_env.plots import paper_figures
 from qcar_env.plots.style import journal
@@ -375,6 +376,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Make the figures that are asked for and return the exit status."""
     arguments = _parse(argv)
     try:
+        storage.check_folder(arguments.out)
         names = arguments.only or [*FIGURES, TABLE]
         for name in names:
             known("figure", name, [*FIGURES, TABLE])

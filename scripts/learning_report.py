@@ -31,9 +31,16 @@ from agents.recipes import ALGORITHM_TITLES, RECIPES, Recipe
 from agents.train import score_all, train
 from baselines.catalogue import describe
 from baselines.tune import load as load_tuned, validate
-from qcar_env.evaluation.storage import command, replacing, versions, write_csv, write_text
+from qcar_env.evaluation.storage import (
+    check_folder,
+    command,
+    replacing,
+    versions,
+    write_csv,
+    write_text,
+)
 from qcar_env.evaluation.tracks import Track, episodes
-from qcar_env.physics.validation import known
+from qcar_env.physics.validation import known, whole
 
 RUNS = Path("runs")
 OUT = Path("results/learning")
@@ -54,7 +61,9 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=OUT, help="where the report goes")
     args = parser.parse_args(argv)
     try:
-        rows, curves = collect(args.recipes, args.seeds, args.runs, train_missing=args.train)
+        check_folder(args.out)
+        seeds = [whole("seed", each, least=0) for each in dict.fromkeys(args.seeds)]
+        rows, curves = collect(args.recipes, seeds, args.runs, train_missing=args.train)
     except ValueError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

@@ -19,8 +19,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from agents.publish import publish
 from agents.recipes import ALGORITHMS, TASKS, Recipe, recipe
-from agents.train import Progress, References, Result, resumed_recipe, train
-from qcar_env.evaluation.storage import replacing
+from agents.train import Progress, References, Result, check_new, resumed_recipe, train
+from qcar_env.evaluation.storage import check_folder, replacing
+from qcar_env.physics.validation import positive, whole
 
 RUNS = Path("runs")
 
@@ -30,6 +31,8 @@ def main(argv: list[str] | None = None) -> int:
     parser = _parser()
     args = parser.parse_args(argv)
     try:
+        if args.target_db is not None:
+            positive("target-db", args.target_db, "dB")
         if args.resume is not None:
             algorithm, task, seed, steps = resumed_recipe(args.resume)
             chosen = dataclasses.replace(recipe(algorithm, task), steps=steps)
@@ -38,12 +41,11 @@ def main(argv: list[str] | None = None) -> int:
         chosen = recipe(args.algo, args.track)
         if args.steps is not None:
             chosen = dataclasses.replace(chosen, steps=args.steps)
-        seeds = args.seeds if args.seeds else [args.seed]
         if args.publish and args.steps is not None:
             raise ValueError("--publish ships what the recipe makes; leave out --steps")
+        folders = _folders(chosen, args)
         results = [
-            _one(chosen, seed, args.out or RUNS / f"{chosen.name}-seed{seed}", args, resume=False)
-            for seed in seeds
+            _one(chosen, seed, folder, args, resume=False) for seed, folder in folders.items()
         ]
         if args.publish:
             folder = publish([each.folder for each in results], force=args.force)
@@ -52,6 +54,21 @@ def main(argv: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     return 0
+
+
+def _folders(chosen: Recipe, args: argparse.Namespace) -> dict[int, Path]:
+    """Return the run folder of each seed, all of them checked before the first one is trained."""
+    seeds = [whole("seed", each, least=0) for each in args.seeds or [args.seed]]
+    if args.out is not None and len(seeds) > 1:
+        raise ValueError(
+            f"--out must be the folder of one run, got {len(seeds)} seeds; leave it out, or give "
+            "one seed"
+        )
+    folders = {seed: args.out or RUNS / f"{chosen.name}-seed{seed}" for seed in seeds}
+    for folder in folders.values():
+        check_folder(folder)
+        check_new(folder, force=args.force)
+    return folders
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -16,7 +16,7 @@ from pathlib import Path
 from baselines import catalogue, tune
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.tracks import TRACKS, track
-from qcar_env.physics.validation import known
+from qcar_env.physics.validation import known, positive, whole
 
 DEFAULT_TRACKS = ("budget", "randomised")  # the other two have the same scenario as `budget`
 
@@ -25,6 +25,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Tune and store; return the exit status."""
     arguments = _parse(argv)
     try:
+        whole("seed", arguments.seed, least=0)
+        whole("population", arguments.population, least=tune.LEAST_POPULATION)
+        for scale in arguments.force_scale or ():
+            positive("force scale", scale)
+        storage.check_file(arguments.out)
         jobs = [
             (name, each.name, scale)
             for each in map(track, arguments.track)

@@ -33,6 +33,8 @@ from qcar_env.scenarios import SCENARIOS, Scenario, scenario as find_scenario
 Frame = NDArray[np.uint8]
 SUFFIXES = (".mp4", ".gif")
 GIF_COLOURS = 64
+LARGEST = 4096  # [px] side of a car's frame
+RATES = (0.01, 1000.0)  # [1/s] frames a second that both kinds of file can say
 TUNED = "-tuned"
 
 
@@ -85,6 +87,18 @@ class Film:
         positive("slow", self.slow)
         positive("fps", self.fps, "1/s")
         known("start", self.start, ("steady", "rest"))
+        if max(self.size) > LARGEST:
+            raise ValueError(
+                f"size must be at most {LARGEST} px wide and high, got {self.size[0]} x "
+                f"{self.size[1]}; give a smaller one"
+            )
+        slowest, fastest = RATES
+        if self.length < 2 or not slowest <= self.rate <= fastest:
+            raise ValueError(
+                f"film must have two frames or more, and {slowest:g} to {fastest:g} of them a "
+                f"second, got {self.length} at {self.rate:.3g} a second; change duration, fps or "
+                "slow"
+            )
         if self.start == "steady" and self.scenario.road.profile != "harmonic":
             raise ValueError(
                 f"a steady start needs an endless road, got scenario {self.scenario.name!r}; "
@@ -123,7 +137,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 f"written to {out}: {film.length / film.rate:.1f} s, "
                 f"{film.slow:g} times slower than real time, {out.stat().st_size / 1e6:.1f} MB"
             )
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:  # the latter: what a policy needs is absent
         print(f"watch: {error}", file=sys.stderr)
         return 2
     return 0
@@ -169,6 +183,7 @@ def write(film: Film, out: Path) -> None:
         If the file's name says neither.
     """
     known("film format", out.suffix, SUFFIXES)
+    storage.check_file(out)
     with storage.replacing(out) as temporary:
         if out.suffix == ".gif":
             _write_gif(film, temporary)

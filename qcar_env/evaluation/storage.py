@@ -20,20 +20,20 @@ PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "torch", "stable-baselines3"
 
 
 def check_folder(path: Path) -> None:
-    """Raise ValueError where a folder cannot be made or written to; nothing is made."""
+    """Raise ValueError where a command's folder cannot be made or written to; make nothing."""
     there = next(each for each in (path, *path.absolute().parents) if os.path.exists(each))
     if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
         raise ValueError(
-            f"out must be a folder that can be written to, got {path}: {there} is none; "
+            f"--out must be a folder that can be written to, got {path}: {there} is none; "
             "give another"
         )
 
 
 def check_file(path: Path) -> None:
-    """Raise ValueError where a file cannot be written; nothing is made."""
+    """Raise ValueError where a command's file cannot be written; make nothing."""
     check_folder(path.parent)
     if path.is_dir():
-        raise ValueError(f"out must be a file, got the folder {path}; give a name in it")
+        raise ValueError(f"--out must be a file, got the folder {path}; give a name in it")
 
 
 @contextlib.contextmanager

@@ -98,3 +98,16 @@ def test_the_store_is_of_the_tracks_of_today():
         assert each.track_version == track(each.track).version
         assert each.force_scale in track(each.track).force_scales
         assert set(each.gains) == set(tune.SEARCHES[each.baseline].names)
+
+
+@pytest.mark.parametrize(
+    ("argument", "value", "message"),
+    [
+        ("seed", -1, "seed must be at least 0, got -1; give 0 or more"),
+        ("population", 4, "population must be at least 5, got 4; give 5 or more"),
+        ("crossings", 0, "crossings must be at least 1, got 0; give 1 or more"),
+    ],
+)
+def test_a_search_of_nothing_is_refused(argument, value, message):
+    with pytest.raises(ValueError, match=message):
+        tune.tune("lnvc", BUDGET, 0.5, **{argument: value})

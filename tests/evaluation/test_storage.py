@@ -102,9 +102,13 @@ def test_where_nothing_can_be_written_is_said_and_nothing_is_made(tmp_path):
     taken = tmp_path / "taken"
     taken.touch()
     for folder in (taken, taken / "deeper" / "still"):
-        with pytest.raises(ValueError, match=r"out must be a folder .*taken is none; give another"):
+        with pytest.raises(
+            ValueError, match=r"--out must be a folder .*taken is none; give another"
+        ):
             storage.check_folder(folder)
-    with pytest.raises(ValueError, match=r"out must be a file, got the folder .*; give a name in"):
+    with pytest.raises(
+        ValueError, match=r"--out must be a file, got the folder .*; give a name in"
+    ):
         storage.check_file(tmp_path)
     storage.check_folder(tmp_path / "new" / "deeper")
     storage.check_file(tmp_path / "new" / "file.md")

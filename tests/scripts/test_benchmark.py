@@ -226,6 +226,11 @@ def test_bad_arguments_are_refused_before_anything_is_run(tmp_path, capsys, argu
     assert not (tmp_path / "out").exists()
 
 
+def test_what_is_named_twice_is_run_once(tmp_path):
+    assert run(tmp_path, "--tracks", "short", "short", "--baselines", "none", "none") == 0
+    assert len(read(tmp_path)["rows"]) == 10
+
+
 def test_a_track_for_feedback_takes_no_policy_that_reads_more(tmp_path):
     arguments = ["--tracks", "short", "blind", "--baselines", "lqr", "lqr-feedforward"]
     assert run(tmp_path, *arguments) == 0

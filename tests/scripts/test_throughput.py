@@ -79,7 +79,7 @@ def test_candidates_are_timed_in_every_round():
         ("--rounds", "1", "rounds must be at least 3, got 1"),
         ("--threads", "0", "threads must be at least 1, got 0"),
         ("--num-envs", "0", "num-envs must be at least 1, got 0"),
-        ("--out", __file__, "out must be a folder that can be written to, got "),
+        ("--out", __file__, "--out must be a folder that can be written to, got "),
     ],
 )
 def test_a_wrong_number_is_refused(capsys, flag, value, message):

@@ -103,7 +103,11 @@ def test_on_a_display_the_film_is_shown_until_the_window_closes(monkeypatch):
         (["--slow", "0"], "slow must be positive"),
         (["--duration", "-1"], "duration must be positive"),
         (["--duration", "0"], "duration must be positive, got 0 s"),
+        (["--duration", "1e-9"], "film must have two frames or more"),
+        (["--fps", "1e-9"], "film must have two frames or more"),
+        (["--slow", "1e9"], "0.01 to 1000 of them a second, got 41 at 2e-07 a second"),
         (["--size", "10", "240"], "frame width"),
+        (["--size", "320", "100000000"], "size must be at most 4096 px wide and high, got 320 x"),
     ],
 )
 def test_bad_input_is_refused_and_writes_nothing(arguments, message, tmp_path, monkeypatch, capsys):
