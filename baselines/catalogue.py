@@ -17,6 +17,7 @@ from qcar_env.control import LAWS
 from qcar_env.control.lqr import Weights
 from qcar_env.control.skyhook import Groundhook, Hybrid, Skyhook
 from qcar_env.evaluation.policy import Policy
+from qcar_env.evaluation.tracks import TRACKS
 from qcar_env.physics.validation import finite, known, positive
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 
@@ -220,6 +221,7 @@ def tuned() -> tuple[tuple[str, str, float], ...]:
 def stored(name: str, track: str, force_scale: float) -> dict[str, Any]:
     """Return all that is stored with tuned gains (arguments and errors: `make_tuned`)."""
     known("baseline", name, everything())
+    known("track", track, TRACKS)
     key = (name, track, positive("force_scale", force_scale))
     if key not in _stored():
         there = sorted({entry[0] for entry in _stored() if entry[1:] == key[1:]})

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from qcar_env.control import lqr
 from qcar_env.control.lqr import Weights
 from qcar_env.envs import task
-from qcar_env.scenarios import Scenario
+from qcar_env.scenarios import Scenario, scenario as find_scenario
 
 from .linear_policy import sampled_plant
 from .observation import entries_of
@@ -21,7 +21,7 @@ class InternalModelPolicy:
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : str or Scenario
         Car, control interval, force limit, and the frequency of the oscillators: that of the road.
     weights : Weights
         Of the regulator.
@@ -42,7 +42,8 @@ class InternalModelPolicy:
     reads: Literal["feedback"] = "feedback"
     name = "LQR + internal model"
 
-    def __init__(self, scenario: Scenario, weights: Weights, *, drift: float = 1.0) -> None:
+    def __init__(self, scenario: str | Scenario, weights: Weights, *, drift: float = 1.0) -> None:
+        scenario = find_scenario(scenario)
         if scenario.actuator.size != 2:
             raise ValueError(
                 "the internal model needs an actuator on each mass, got actuation "

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 from qcar_env.control.law import Law
 from qcar_env.envs import task
 from qcar_env.physics.state import Filter, State
-from qcar_env.scenarios import Scenario
+from qcar_env.scenarios import Scenario, scenario as find_scenario
 
 from .observation import entries_of
 
@@ -25,13 +25,13 @@ class LawPolicy:
     ----------
     law : Law
         The law with its gains.
-    scenario : Scenario
+    scenario : str or Scenario
         Gives the units of the observation, the force limit and the control interval.
 
     Raises
     ------
     ValueError
-        If the law destabilises the scenario's car.
+        If the law destabilises the scenario's car, or an argument is of another kind.
 
     Notes
     -----
@@ -45,7 +45,12 @@ class LawPolicy:
 
     reads: Literal["feedback"] = "feedback"  # the state only
 
-    def __init__(self, law: Law, scenario: Scenario) -> None:
+    def __init__(self, law: Law, scenario: str | Scenario) -> None:
+        if not callable(getattr(law, "command", None)):
+            raise ValueError(
+                f"law must be a law with its gains, got {law!r}; give an instance, such as CNVC()"
+            )
+        scenario = find_scenario(scenario)
         law.check(scenario.car)
         self.law = law
         self.name = law.name

@@ -15,7 +15,7 @@ from qcar_env.control.lqr import Weights
 from qcar_env.control.mpc import tracking_program
 from qcar_env.envs import task
 from qcar_env.physics import linear
-from qcar_env.scenarios import Scenario
+from qcar_env.scenarios import Scenario, scenario as find_scenario
 
 from .linear_policy import sampled_plant
 from .observation import entries_of
@@ -32,7 +32,7 @@ class MPCPolicy:
 
     Parameters
     ----------
-    scenario : Scenario
+    scenario : str or Scenario
         Car, road, force, force limit and control interval.
     weights : Weights
         Of the program's cost.
@@ -58,7 +58,7 @@ class MPCPolicy:
     name = "MPC"
 
     def __init__(
-        self, scenario: Scenario, weights: Weights = WEIGHTS, *, horizon: int = HORIZON
+        self, scenario: str | Scenario, weights: Weights = WEIGHTS, *, horizon: int = HORIZON
     ) -> None:
         try:
             self._osqp = importlib.import_module("osqp")
@@ -66,6 +66,7 @@ class MPCPolicy:
             raise RuntimeError(
                 "MPC solves its programs with OSQP: pip install 'qcar_env[mpc]'"
             ) from None
+        scenario = find_scenario(scenario)
         plant = sampled_plant(scenario)
         road, force, dt = scenario.road, scenario.force, scenario.dt
         step = linear.exact_transition(scenario.car, road, force, dt)

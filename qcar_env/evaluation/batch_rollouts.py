@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.envs import task
-from qcar_env.evaluation.policy import Policy
+from qcar_env.evaluation.policy import Policy, actions_of, check_policy
 from qcar_env.evaluation.tracks import Episode
 from qcar_env.physics import linear
 from qcar_env.physics.forcing import World
@@ -67,6 +67,11 @@ class Crossings:
         observe: task.Observe = "full",
         observe_limit: bool = False,
     ) -> None:
+        if not isinstance(episodes, Sequence) or not all(isinstance(e, Episode) for e in episodes):
+            raise ValueError(
+                f"episodes must be a sequence of Episode, got {type(episodes).__name__}; take them "
+                "from qcar_env.evaluation.tracks.episodes"
+            )
         if not episodes:
             raise ValueError("episodes must not be empty; give at least one")
         kinds = {(e.scenario.dt, e.scenario.actuator.size) for e in episodes}
@@ -120,6 +125,7 @@ class Crossings:
 
     def repeated(self, times: int) -> Crossings:
         """Return the same crossings `times` over, one whole set after the other."""
+        whole("times", times)
         wide = copy.copy(self)
         wide.episodes = self.episodes * times
         wide._maps = np.tile(self._maps, (times, 1, 1))
@@ -207,9 +213,10 @@ def batch_rollout(
     Raises
     ------
     ValueError
-        If the duration holds no control interval, the policy returns actions of the wrong
-        shape or not a number, or see `Crossings`.
+        If the duration holds no control interval, the policy has no `predict`, or returns actions
+        of the wrong shape or not a number, or see `Crossings`.
     """
+    check_policy(policy)
     cars = Crossings(episodes, observe=observe, observe_limit=observe_limit)
     n = len(cars.episodes)
     steps = round(positive("duration", duration, "s") / cars.dt)
@@ -230,16 +237,9 @@ def batch_rollout(
         if k % CHUNK == 0:
             worlds = cars.worlds(k, min(CHUNK, steps - k))
         world = worlds[k % CHUNK]
-        given, memory = policy.predict(
-            cars.observation(x, world), state=memory, episode_start=begins, deterministic=True
-        )
+        seen = cars.observation(x, world)
+        action, memory = actions_of(policy, seen, memory, begins, cars.actions)
         begins = never
-        action = np.asarray(given, dtype=np.float64)
-        if action.shape != (n, cars.actions):
-            raise ValueError(
-                f"action must have shape {(n, cars.actions)}, got {action.shape}; "
-                f"return one number for each of {cars.actions} actuator(s) and {n} car(s)"
-            )
         if not np.isfinite(action).all():
             raise ValueError(
                 f"action must be finite, got {action[~np.isfinite(action).all(axis=1)][0]} "

@@ -22,6 +22,7 @@ from qcar_env.evaluation.batch_rollouts import (
 from qcar_env.evaluation.policy import Policy
 from qcar_env.evaluation.statistics import Interval, bootstrap, improvement_interval, iqm
 from qcar_env.evaluation.tracks import Split, Track, episodes
+from qcar_env.physics.validation import known
 from qcar_env.scenarios import Scenario
 
 Array = NDArray[np.float64]
@@ -80,7 +81,14 @@ class Scores:
 
 
 def may_enter(reads: task.Observe, track: Track) -> bool:
-    """Return whether a policy reads no more than a track shows."""
+    """Return whether a policy reads no more than a track shows.
+
+    Raises
+    ------
+    ValueError
+        If `reads` is neither ``"full"`` nor ``"feedback"``.
+    """
+    known("reads", reads, task.OBSERVE)
     return reads == "feedback" or track.observe == "full"
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.physics.validation import positive, whole
+from qcar_env.physics.validation import finite, positive, whole
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ def percentage_error(uncontrolled: float, controlled: float) -> float:
     Raises
     ------
     ValueError
-        If an amplitude is negative.
+        If an amplitude is negative or no number.
     """
     _check_amplitudes(uncontrolled, controlled)
     return (uncontrolled - controlled) / controlled * 100.0 if controlled else math.inf
@@ -43,7 +43,7 @@ def reduction_db(uncontrolled: float, controlled: float) -> float:
     Raises
     ------
     ValueError
-        If an amplitude is negative.
+        If an amplitude is negative or no number.
     """
     _check_amplitudes(uncontrolled, controlled)
     if not controlled:
@@ -146,6 +146,8 @@ def settling_time(t: ArrayLike, envelope: ArrayLike, band: float = 0.05) -> floa
 
 def _check_amplitudes(uncontrolled: float, controlled: float) -> None:
     for name, value in (("uncontrolled", uncontrolled), ("controlled", controlled)):
+        if not isinstance(value, float):
+            finite(f"{name} amplitude", value, "m")
         if value < 0.0:
             raise ValueError(
                 f"{name} amplitude must not be negative, got {value:g} m; give 0 m or more"

@@ -38,3 +38,60 @@ class Policy(Protocol):
         state : tuple of ndarray or None
         """
         ...
+
+
+def check_policy(policy: Any) -> None:
+    """Raise ValueError where an object is no policy."""
+    if isinstance(policy, type) or not callable(getattr(policy, "predict", None)):
+        raise ValueError(
+            f"policy must have the predict of Stable-Baselines3, got {policy!r}; "
+            "give an object, such as baselines.catalogue.make('cnvc')"
+        )
+
+
+def actions_of(
+    policy: Policy,
+    observation: NDArray[np.float32],
+    memory: Any,
+    begins: NDArray[np.bool_],
+    size: int,
+) -> tuple[NDArray[np.float64], Any]:
+    """Return a policy's actions and memory after a check of what it returned.
+
+    Parameters
+    ----------
+    policy : Policy
+        What acts.
+    observation : ndarray (n, k)
+        What it is shown.
+    memory : tuple of ndarray or None
+        What it returned last.
+    begins : ndarray (n,) of bool
+        Which cars have just begun.
+    size : int
+        Number of actuators.
+
+    Returns
+    -------
+    actions : ndarray (n, size)
+    memory : tuple of ndarray or None
+
+    Raises
+    ------
+    ValueError
+        If the policy does not return a pair, or actions of another shape.
+    """
+    found: Any = policy.predict(observation, state=memory, episode_start=begins, deterministic=True)
+    if not isinstance(found, (tuple, list)) or len(found) != 2:
+        raise ValueError(
+            f"predict must return actions and memory, got {type(found).__name__}; "
+            "return (actions, None) where nothing is remembered"
+        )
+    action = np.asarray(found[0], dtype=np.float64)
+    n = len(observation)
+    if action.shape != (n, size):
+        raise ValueError(
+            f"action must have shape {(n, size)}, got {action.shape}; "
+            f"return one number for each of {size} actuator(s) and {n} car(s)"
+        )
+    return action, found[1]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
-from qcar_env.evaluation.policy import Policy
+from qcar_env.evaluation.policy import Policy, actions_of, check_policy
+from qcar_env.physics.validation import whole
 from qcar_env.scenarios import Scenario
 
 Array = NDArray[np.float64]
@@ -66,24 +67,25 @@ def rollout(
     Raises
     ------
     ValueError
-        If the policy returns an action of the wrong shape or one that is not a number.
+        If the policy has no `predict`, or returns an action of the wrong shape or one that is not
+        a number, or an argument is out of range.
     """
+    check_policy(policy)
+    whole("seed", seed, least=0)
     env = QuarterCarHumpEnv(scenario, observe=observe, duration=duration)
     observation, _ = env.reset(seed=seed, options={"state": state, "phase": phase})
-    steps = env.scenario.steps
+    steps, size = env.scenario.steps, env.scenario.actuator.size
     states = np.empty((steps, 4))
-    force = np.empty((steps, env.scenario.actuator.size))
+    force = np.empty((steps, size))
     rewards = np.empty(steps)
-    memory = None
+    memory: Any = None
     start = np.ones(1, dtype=bool)
     terminated = truncated = False
     k = 0
     while not (terminated or truncated):
-        action, memory = policy.predict(
-            observation[np.newaxis], state=memory, episode_start=start, deterministic=True
-        )
+        action, memory = actions_of(policy, observation[np.newaxis], memory, start, size)
         start = np.zeros(1, dtype=bool)
-        observation, rewards[k], terminated, truncated, info = env.step(np.asarray(action)[0])
+        observation, rewards[k], terminated, truncated, info = env.step(action[0])
         states[k] = env.state
         force[k] = info["force"]
         k += 1

@@ -97,7 +97,7 @@ def bootstrap(
     """
     whole("resamples", resamples)
     _check_level(level)
-    groups = [_values(each) for each in strata]
+    groups = _groups(strata)
     if not groups:
         raise ValueError("strata must not be empty; give at least one group of values")
     drawn = [each[rng.integers(len(each), size=(resamples, len(each)))] for each in groups]
@@ -153,21 +153,21 @@ def improvement_interval(
     """
     whole("resamples", resamples)
     _check_level(level)
-    if len(better) != len(worse):
+    ours, theirs = _groups(better), _groups(worse)
+    if len(ours) != len(theirs):
         raise ValueError(
-            f"both policies must have the same strata, got {len(better)} and {len(worse)}; "
+            f"both policies must have the same strata, got {len(ours)} and {len(theirs)}; "
             "give one group of values each for every stratum"
         )
-    if not len(better):
+    if not ours:
         raise ValueError("strata must not be empty; give at least one group of values")
     total = np.zeros(resamples)
     value = 0.0
-    for one, other in zip(better, worse, strict=True):
-        x, y = _values(one), _values(other)
+    for x, y in zip(ours, theirs, strict=True):
         a = x[rng.integers(len(x), size=(resamples, len(x)))][:, :, np.newaxis]
         b = y[rng.integers(len(y), size=(resamples, len(y)))][:, np.newaxis, :]
-        total += np.mean((a < b) + 0.5 * (a == b), axis=(1, 2)) / len(better)
-        value += probability_of_improvement(x, y) / len(better)
+        total += np.mean((a < b) + 0.5 * (a == b), axis=(1, 2)) / len(ours)
+        value += probability_of_improvement(x, y) / len(ours)
     tail = 0.5 * (1.0 - level)
     low, high = np.quantile(total, (tail, 1.0 - tail))
     return Interval(value=value, low=float(low), high=float(high), level=level)
@@ -224,6 +224,15 @@ def _some(given: ArrayLike) -> Array:
             "give at least one"
         )
     return values
+
+
+def _groups(strata: Sequence[ArrayLike]) -> list[Array]:
+    try:
+        return [_values(each) for each in strata]
+    except TypeError:
+        raise ValueError(
+            f"strata must be a sequence of groups of values, got {strata!r}; give a row for each"
+        ) from None
 
 
 def _values(given: ArrayLike) -> Array:

@@ -72,7 +72,15 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write `rows` as comma-separated values, with the keys of the first one as header."""
+    """Write `rows` as comma-separated values, with the keys of the first one as header.
+
+    Raises
+    ------
+    ValueError
+        If there is no row, or one has other keys.
+    """
+    if not rows:
+        raise ValueError(f"rows must not be empty for {path}; give at least one")
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()

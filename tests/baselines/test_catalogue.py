@@ -67,3 +67,8 @@ def test_an_unknown_scenario_is_refused():
 def test_tuned_gains_are_at_a_force_scale(scale):
     with pytest.raises(ValueError, match=rf"force_scale must be .*, got {scale!r}"):
         catalogue.stored("lnvc", "paper", scale)
+
+
+def test_tuned_gains_are_of_a_track():
+    with pytest.raises(ValueError, match="unknown track 'papr'; did you mean 'paper'"):
+        catalogue.stored("lnvc", "papr", 1.0)

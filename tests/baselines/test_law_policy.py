@@ -241,6 +241,18 @@ def test_an_observation_that_is_too_short_is_refused(size):
         catalogue.make("cnvc").predict(np.zeros((1, size)))
 
 
+@pytest.mark.parametrize("law", [None, "cnvc", LNVC])
+def test_what_is_no_law_is_refused(law):
+    with pytest.raises(ValueError, match=r"law must be a law with its gains, got .*; give an inst"):
+        LawPolicy(law, PAPER)
+
+
+def test_a_policy_takes_the_name_of_its_scenario():
+    assert LawPolicy(LNVC(), "paper").predict(np.zeros(4))[0].shape == (2,)
+    with pytest.raises(ValueError, match="unknown scenario 'papr'; did you mean 'paper'"):
+        LawPolicy(LNVC(), "papr")
+
+
 @settings(max_examples=10)
 @given(over=st.floats(1.01, 10.0))
 def test_a_law_that_destabilises_the_car_is_refused(over):

@@ -48,6 +48,10 @@ def test_an_amplitude_is_not_negative(measure):
         measure(-1.0, 1.0)
     with pytest.raises(ValueError, match=r"^controlled amplitude must not .* got -2 m; give 0 m"):
         measure(1.0, -2.0)
+    with pytest.raises(
+        ValueError, match=r"^controlled amplitude must be a number .* got None; give"
+    ):
+        measure(1.0, None)
 
 
 @pytest.mark.parametrize(

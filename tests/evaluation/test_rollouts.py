@@ -89,7 +89,8 @@ def test_a_seed_draws_one_episode_and_another_seed_another():
 
 @pytest.mark.parametrize("action", [(0.0,), (0.0, 0.0, 0.0)])
 def test_a_policy_of_the_wrong_size_is_refused(action):
-    message = rf"action must have shape \(2,\), got \({len(action)},\); give one number for each"
+    got = rf"action must have shape \(1, 2\), got \(1, {len(action)}\)"
+    message = f"{got}; return one number for each of 2 actuator"
     with pytest.raises(ValueError, match=message):
         rollout(Constant(*action), PAPER, duration=0.05)
 

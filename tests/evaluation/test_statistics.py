@@ -118,6 +118,8 @@ def test_a_statistic_of_nothing_is_refused(statistic, values):
     ("better", "worse", "options", "message"),
     [
         ([], [], {}, "strata must not be empty; give at least one group"),
+        (None, [[1.0]], {}, "strata must be a sequence of groups of values, got None; give a row"),
+        ([1.0], [2.0], {}, r"values must be a row of finite numbers, got shape \(\)"),
         ([[1.0]], [], {}, "must have the same strata, got 1 and 0; give one group"),
         ([[1.0]], [[2.0]], {"level": 2.0}, "level must lie between 0 and 1, got 2.0; give 0.95"),
         ([[1.0]], [[2.0]], {"level": np.nan}, "level must be finite, got nan"),

@@ -113,3 +113,9 @@ def test_where_nothing_can_be_written_is_said_and_nothing_is_made(tmp_path):
     storage.check_folder(tmp_path / "new" / "deeper")
     storage.check_file(tmp_path / "new" / "file.md")
     assert [each.name for each in tmp_path.iterdir()] == ["taken"]
+
+
+def test_a_table_without_rows_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"rows must not be empty for .*table\.csv; give at least"):
+        storage.write_csv(tmp_path / "table.csv", [])
+    assert not list(tmp_path.iterdir())
