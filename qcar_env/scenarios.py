@@ -20,7 +20,16 @@ from qcar_env.physics.dynamics import Coefficients
 from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.rk4 import ACCURACY_LIMIT, STABILITY_LIMIT
 from qcar_env.physics.roads import Road
-from qcar_env.physics.validation import entries, finite, known, positive, shown, store, whole
+from qcar_env.physics.validation import (
+    entries,
+    finite,
+    instance,
+    known,
+    positive,
+    shown,
+    store,
+    whole,
+)
 
 Actuation = Literal["independent", "suspension"]
 ACTUATIONS: tuple[Actuation, ...] = ("independent", "suspension")
@@ -206,6 +215,11 @@ class Scenario:
 
     def __post_init__(self) -> None:
         """Check the numbers, alone and against each other."""
+        for name, kind in (("car", QuarterCar), ("road", Road), ("force", ExternalForce)):
+            instance(name, getattr(self, name), kind)
+        instance("actuator", self.actuator, Actuator)
+        if self.randomisation is not None:
+            instance("randomisation", self.randomisation, Randomisation)
         store(
             self,
             dt=positive("dt", self.dt, "s"),
@@ -267,7 +281,7 @@ def check_step(car: QuarterCar, step: float) -> None:
     Raises
     ------
     ValueError
-        If ``step * |lambda|max`` exceeds the stability limit of RK4.
+        If the step is not positive, or ``step * |lambda|max`` exceeds the stability limit of RK4.
 
     Warns
     -----
@@ -275,7 +289,7 @@ def check_step(car: QuarterCar, step: float) -> None:
         If it exceeds the accuracy limit.
     """
     fastest = float(np.max(np.abs(linear.poles(car))))
-    product = step * fastest
+    product = positive("integration step", step, "s") * fastest
     if product > STABILITY_LIMIT:
         raise ValueError(
             f"integration step must be below {STABILITY_LIMIT / fastest:.3g} s for this car, got "

@@ -217,6 +217,12 @@ def test_a_step_at_which_rk4_diverges_is_refused_with_the_largest_that_does_not(
     check_step(car, 0.18 * limit)  # 0.47 of the allowed 2.6
 
 
+@pytest.mark.parametrize("step", [math.nan, -2.5, None])
+def test_a_step_must_be_positive(step):
+    with pytest.raises(ValueError, match=f"integration step must be .*, got {step}"):
+        check_step(PAPER.car, step)
+
+
 def test_a_refused_step_does_diverge_and_the_limit_does_not():
     """The mode of damping ratio 0.53 is where RK4's region is smallest."""
     zeta = 0.53
@@ -253,6 +259,11 @@ def test_a_scenario_with_a_step_that_diverges_is_refused():
             {"substeps": 10**9},
             "substeps must be at most 1000000, got 1000000000; give 1 to 1000000",
         ),
+        ({"car": None}, "car must be of class QuarterCar, got None; give such an object"),
+        ({"road": "hump"}, "road must be of class Road, got 'hump'"),
+        ({"force": 24.8}, "force must be of class ExternalForce, got 24.8"),
+        ({"actuator": (280.0, 33.0)}, r"actuator must be of class Actuator, got \(280.0, 33.0\)"),
+        ({"randomisation": {}}, r"randomisation must be of class Randomisation, got \{\}"),
         ({"dt": np.ones(2)}, r"dt must be a number in s, got array\(\[1., 1.\]\); give a finite"),
     ],
 )

@@ -24,6 +24,7 @@ from qcar_env.control.law import (
     ControlledState,
     FilterRate,
     Law,
+    check_law,
     controlled_rate,
     memoryless_rate,
 )
@@ -33,7 +34,7 @@ from qcar_env.physics.dynamics import Coefficients, forcing_by
 from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.roads import Road, harmonic
 from qcar_env.physics.state import Filter, State
-from qcar_env.physics.validation import finite, finite_array, known, positive, store
+from qcar_env.physics.validation import finite, finite_array, instance, known, positive, store
 from qcar_env.scenarios import Scenario
 
 Array = NDArray[np.float64]
@@ -82,6 +83,8 @@ class ForcedCar:
 
     def __post_init__(self) -> None:
         """Check every argument."""
+        instance("car", self.car, QuarterCar)
+        check_law(self.law)
         store(
             self,
             h=finite("h", self.h, "m"),

@@ -32,6 +32,7 @@ from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import Law
 from qcar_env.physics import roads
 from qcar_env.physics.state import State
+from qcar_env.physics.validation import entries, finite, non_negative, positive, whole
 
 Array = NDArray[np.float64]
 
@@ -196,7 +197,11 @@ def parameter_effect(
     """
     moved = moved_by(name)
     value = car.value(moved)
-    values = (value, 60.0, 100.0) if name == "f" else tuple(value * each for each in factors)
+    values = (
+        (value, 60.0, 100.0)
+        if name == "f"
+        else tuple(value * finite("factor", each) for each in entries(factors))
+    )
     return response_curves(car, effects.against, -DETUNING, DETUNING, {moved: values}, longest=0.05)
 
 
@@ -276,8 +281,10 @@ def folded_response(
     car: ForcedCar, parameter: str, start: float, end: float, *, points: int = 25
 ) -> FoldedResponse:
     """Follow a response round its folds and sweep the parameter both ways in simulation."""
+    points = whole("points", points, 2, 10_000)
+    averaged = response(car, parameter, start, end, form="rotating")
     return FoldedResponse(
-        averaged=response(car, parameter, start, end, form="rotating"),
+        averaged=averaged,
         balanced=response(
             car, parameter, start, end, method="harmonic balance", harmonics=5, longest=0.1
         ),
@@ -338,6 +345,7 @@ def trends(car: ForcedCar, *, factor: float = 1.3, threshold: float = 0.01) -> t
     threshold : float, optional
         Relative change of the largest amplitude below which a parameter has no effect [-].
     """
+    factor, threshold = positive("factor", factor), non_negative("threshold", threshold)
     sigma = np.linspace(-10.0, 10.0, 81)
     found: list[Trend] = []
     for effects in EFFECTS:

@@ -30,7 +30,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.control.law import REST, ControlledState, Law
+from qcar_env.control.law import REST, ControlledState, Law, check_law
 from qcar_env.physics import closed_loop, engine, engine_continuous
 from qcar_env.physics.car import QuarterCar
 from qcar_env.physics.dynamics import Coefficients, Forcing
@@ -39,7 +39,7 @@ from qcar_env.physics.motion import plant, world_at
 from qcar_env.physics.rk4 import ACCURACY_LIMIT, STABILITY_LIMIT, step_fractions
 from qcar_env.physics.roads import Road
 from qcar_env.physics.state import Filter, State
-from qcar_env.physics.validation import entries, finite, known, positive, shown, whole
+from qcar_env.physics.validation import entries, finite, instance, known, positive, shown, whole
 
 Array = NDArray[np.float64]
 Start = State | ControlledState
@@ -290,17 +290,9 @@ class _Cases:
             ("force", ExternalForce, self.forces),
         ):
             for each in listed:
-                if not isinstance(each, kind):
-                    raise ValueError(
-                        f"{name} must be of class {kind.__name__}, got {shown(each)}; "
-                        "give one, or a sequence with one for each case"
-                    )
+                instance(name, each, kind)
         for each in self.laws:
-            if not callable(getattr(each, "command", None)):
-                raise ValueError(
-                    f"law must be a control law, got {shown(each)}; "
-                    "give one of qcar_env.control, such as CNVC()"
-                )
+            check_law(each)
         self.starts = [_checked_start(each) for each in self._listed(given["start"])]
         self.limits = [_checked_limit(each) for each in self._listed(given["force_limit"])]
         self.saturated = force_limit is not None

@@ -14,6 +14,7 @@ from qcar_env.physics.closed_loop import (
     memoryless_rate,
 )
 from qcar_env.physics.state import Filter
+from qcar_env.physics.validation import shown
 
 __all__ = [
     "REST",
@@ -22,12 +23,28 @@ __all__ = [
     "FilterRate",
     "Law",
     "advance_controlled",
+    "check_law",
     "controlled_rate",
     "memoryless_rate",
 ]
 
 Command = Callable[[Any, Any, Any], tuple[Any, Any]]
 FilterRate = Callable[[Any, Any, Any], Filter]
+
+
+def check_law(law: Any) -> None:
+    """Refuse what is no control law.
+
+    Raises
+    ------
+    ValueError
+        If it has no formula.
+    """
+    if not callable(getattr(law, "command", None)):
+        raise ValueError(
+            f"law must be a control law, got {shown(law)}; "
+            "give one of qcar_env.control, such as CNVC()"
+        )
 
 
 class Law(Protocol):

@@ -30,7 +30,7 @@ from scipy.linalg import expm, solve_discrete_are
 
 from qcar_env.physics import linear
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.validation import positive, store
+from qcar_env.physics.validation import non_negative, positive, store
 
 Array = NDArray[np.float64]
 
@@ -150,7 +150,14 @@ def feedforward(car: QuarterCar, push: Array, omega: float, Omega: float, dt: fl
     -------
     ndarray (2, 4)
         Actions for each metre, metre a second, m/s^2 and m/s^3.
+
+    Raises
+    ------
+    ValueError
+        If a frequency is negative or `dt` not positive.
     """
+    dt = positive("dt", dt, "s")
+    omega, Omega = non_negative("omega", omega, "rad/s"), non_negative("Omega", Omega, "rad/s")
     a, b = held_mean(omega, dt)
     c, d = held_mean(Omega, dt)
     slope_y = b / omega if omega else 0.0
@@ -210,9 +217,8 @@ def internal_model(
     ValueError
         If a number is not positive.
     """
-    positive("omega", omega, "rad/s")
-    positive("drift", drift)
-    positive("noise", noise)
+    omega = positive("omega", omega, "rad/s")
+    drift, noise = positive("drift", drift), positive("noise", noise)
     m = plant.B.shape[1]
     size = 4 + 2 * m
     generator = np.zeros((size + m, size + m))

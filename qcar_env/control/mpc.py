@@ -25,6 +25,8 @@ from qcar_env.physics.validation import whole
 
 Array = NDArray[np.float64]
 
+MOST_INTERVALS = 10_000  # of a horizon, chosen here: its program fills gigabytes
+
 
 @dataclass(frozen=True, kw_only=True)
 class TrackingProgram:
@@ -63,8 +65,13 @@ def tracking_program(
     Returns
     -------
     TrackingProgram
+
+    Raises
+    ------
+    ValueError
+        If `horizon` is no whole number from 1 to 10 000.
     """
-    n = whole("horizon", horizon)
+    n = whole("horizon", horizon, most=MOST_INTERVALS)
     a, b = plant.A, plant.B
     m = b.shape[1]
     states = np.zeros((4 * n, 4))

@@ -110,6 +110,20 @@ def finite_array(name: str, value: Any, unit: str = "-") -> NDArray[np.float64]:
     return found.astype(np.float64, copy=False)
 
 
+def instance(name: str, value: Any, kind: type) -> None:
+    """Refuse a `value` of another class.
+
+    Raises
+    ------
+    ValueError
+        If it is none of `kind`.
+    """
+    if not isinstance(value, kind):
+        raise ValueError(
+            f"{name} must be of class {kind.__name__}, got {shown(value)}; give such an object"
+        )
+
+
 def known(kind: str, name: str, names: Iterable[str]) -> str:
     """Return `name` if it is one of `names`.
 

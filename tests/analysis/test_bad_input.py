@@ -13,9 +13,16 @@ from qcar_env.analysis.forced_car import stack, sweep
 from qcar_env.analysis.frequency_response import response, solutions
 from qcar_env.analysis.hardening import Hardening
 from qcar_env.analysis.harmonic_balance import HarmonicBalance, balance
+from qcar_env.analysis.paper_experiments import (
+    EFFECTS,
+    folded_response,
+    parameter_effect,
+    trends,
+)
 from qcar_env.analysis.parameter_study import cases, response_curves
 from qcar_env.analysis.periodic_orbit import flow_map, orbit_states, periodic_orbits
 from qcar_env.analysis.stability import first_loss, routh_hurwitz, stability_map
+from qcar_env.control import CNVC
 
 NO_NUMBER = [None, "1", math.nan, math.inf, 10**400, np.ones(2)]
 NO_POSITIVE = [*NO_NUMBER, 0.0, -1.0]
@@ -42,6 +49,12 @@ CALLS = [
     ("start", lambda car, v: slow_motion(car, [0, 1], start=v), [*NO_NUMBERS[:-1], 1j, (1, 2, 3)]),
     ("samples", lambda car, v: average(car, v), [*NO_COUNT, 3]),
     ("h", lambda car, v: dataclasses.replace(car, h=v), NO_NUMBER),
+    ("car", lambda car, v: dataclasses.replace(car, car=v), [None, 5]),
+    ("law", lambda car, v: dataclasses.replace(car, law=v), [None, "cnvc", CNVC]),
+    ("factor", lambda car, v: trends(car, factor=v), NO_POSITIVE),
+    ("threshold", lambda car, v: trends(car, threshold=v), [*NO_NUMBER, -1.0]),
+    ("factor", lambda car, v: parameter_effect(car, EFFECTS[0], "h", factors=[v]), NO_NUMBER),
+    ("points", lambda car, v: folded_response(car, "h", 0.1, 0.2, points=v), [*NO_COUNT, 0, 1]),
     ("omega", lambda car, v: car.vary("omega", v), NO_POSITIVE),
     ("sigma1", lambda car, v: car.vary("sigma1", v), NO_NUMBER),
     ("values of h", lambda car, v: list(sweep(car, "h", v)), NO_NUMBERS),

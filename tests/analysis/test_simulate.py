@@ -398,7 +398,7 @@ def test_a_coarse_step_warns_and_an_unstable_one_is_refused():
         ({"start": 5}, "start must be a State of four numbers or a ControlledState, got 5; give"),
         ({"start": np.zeros(3)}, r"start must be a State of four .* got array\(\[0., 0., 0.\]\)"),
         ({"start": ControlledState(None, REST)}, "start must be a State of four numbers"),
-        ({"car": None}, "car must be of class QuarterCar, got None; give one, or a sequence"),
+        ({"car": None}, "car must be of class QuarterCar, got None; give such an object"),
         ({"road": [PAPER_FORCE]}, "road must be of class Road, got ExternalForce"),
         ({"force": 24.8}, "force must be of class ExternalForce, got 24.8"),
         ({"law": "cnvc"}, "law must be a control law, got 'c'; give one of qcar_env.control"),

@@ -102,3 +102,12 @@ def test_bad_numbers_are_refused():
         lqr.internal_model(PLANT, 55.0, drift=0.0)
     with pytest.raises(ValueError, match="omega must be positive"):
         lqr.internal_model(PLANT, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [("omega", (-1.0, 55.0, 0.005)), ("Omega", (55.0, None, 0.005)), ("dt", (55.0, 55.0, 0.0))],
+)
+def test_a_feedforward_is_of_numbers_in_range(name, given):
+    with pytest.raises(ValueError, match=f"^{name} must .*, got "):
+        lqr.feedforward(PAPER.car, np.eye(2), *given)

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from qcar_env.control import lqr, mpc
 from qcar_env.control.lqr import Weights
@@ -48,3 +49,9 @@ def test_without_limits_world_and_plan_it_is_the_regulator():
     program = mpc.tracking_program(PLANT, WORLD, TURN, Weights(), 8)
     best = -np.linalg.solve(program.H, program.from_state)
     np.testing.assert_allclose(best[:2], -lqr.regulator(PLANT, Weights()), rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("horizon", [0, 1.5, None, 10**9])
+def test_a_horizon_is_a_whole_number_of_intervals(horizon):
+    with pytest.raises(ValueError, match=f"horizon must be .*, got {horizon}; give 1 "):
+        mpc.tracking_program(PLANT, WORLD, TURN, Weights(), horizon)
