@@ -19,9 +19,9 @@ from agents import crossing
 from qcar_env.analysis.optimum import period_optimum
 from qcar_env.control import CNVC, LNVC
 from qcar_env.envs import task
-from qcar_env.evaluation.policy import Policy
+from qcar_env.evaluation.policy import Policy, actions_of, check_policy
 from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
-from qcar_env.physics.validation import known
+from qcar_env.physics.validation import known, positive
 from qcar_env.scenarios import Scenario
 
 Array = NDArray[np.float64]
@@ -83,19 +83,36 @@ def run(
     observe_limit: bool = False,
     duration: float | None = None,
 ) -> Score:
-    """Score a policy on the given crossings of a track (arguments: `score`)."""
+    """Score a policy on the given crossings of a track (arguments: `score`).
+
+    Raises
+    ------
+    ValueError
+        If there is no crossing, the duration holds no control interval, or see
+        `qcar_env.evaluation.policy.actions_of`.
+    """
+    check_policy(policy)
+    if not drawn:
+        raise ValueError("drawn must not be empty; give at least one crossing")
     plants, z = crossing.of_track(drawn, track.nominal)
-    steps = round((track.duration if duration is None else duration) / plants.dt)
+    length = track.duration if duration is None else positive("duration", duration, "s")
+    steps = round(length / plants.dt)
+    if steps < 1:
+        raise ValueError(
+            f"duration must hold a control interval, got {length:g} s with dt = {plants.dt:g} s; "
+            f"give {plants.dt:g} s or more"
+        )
     slowest = min(each.scenario.road.omega for each in drawn)
     window = math.ceil(PERIODS * 2.0 * math.pi / slowest / plants.dt)
     peak = np.zeros((len(drawn), 2))
+    size = track.nominal.actuator.size
     memory: Any = None
     begin = np.ones(len(drawn), dtype=np.bool_)
     for k in range(steps):
         seen = crossing.observations(z, plants, track.observe, observe_limit)
-        action, memory = policy.predict(seen, memory, begin, True)
+        action, memory = actions_of(policy, seen, memory, begin, size)
         begin = np.zeros(len(drawn), dtype=np.bool_)
-        z = crossing.advance(z, np.asarray(action, dtype=np.float64), plants)
+        z = crossing.advance(z, action, plants)
         if k >= steps - window:
             peak = np.maximum(peak, np.abs(z[:, :2]))
     own = np.array([each.scenario.reference_amplitudes for each in drawn])

@@ -17,8 +17,8 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 from qcar_env.envs import task
 from qcar_env.envs.vector import TERMS, QuarterCarHumpVectorEnv
 from qcar_env.physics.state import State
-from qcar_env.physics.validation import known
-from qcar_env.scenarios import Scenario
+from qcar_env.physics.validation import known, positive
+from qcar_env.scenarios import Scenario, scenario as find_scenario
 
 
 class QuarterCarHumpVecEnv(VecEnv):
@@ -58,9 +58,15 @@ class QuarterCarHumpVecEnv(VecEnv):
         ValueError
             If there are not as many options as cars, or one is unknown or out of range.
         """
-        if len(self._options) != self.num_envs:
+        given: Any = self._options
+        if not isinstance(given, (list, tuple)) or not all(isinstance(x, dict) for x in given):
             raise ValueError(
-                f"options must be one dict or {self.num_envs} of them, got {len(self._options)}; "
+                f"options must be one dict or {self.num_envs} of them, got {given!r}; "
+                "give one for each car"
+            )
+        if len(given) != self.num_envs:
+            raise ValueError(
+                f"options must be one dict or {self.num_envs} of them, got {len(given)}; "
                 "give one for each car"
             )
         names = {name for each in self._options for name in each}
@@ -81,8 +87,15 @@ class QuarterCarHumpVecEnv(VecEnv):
     def step_wait(
         self,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        """Hold forces for one control interval."""
-        assert self._actions is not None, "step_async comes first"
+        """Hold forces for one control interval.
+
+        Raises
+        ------
+        ValueError
+            If there are no actions: `step_async` comes first.
+        """
+        if self._actions is None:
+            raise ValueError("actions must be given before they are waited for; call step_async")
         observations, rewards, terminated, truncated, info = self.vector.step(self._actions)
         infos: list[dict[str, Any]] = [{}] * self.num_envs
         dones = terminated | truncated
@@ -155,7 +168,7 @@ class Car:
 
     @scenario.setter
     def scenario(self, value: str | Scenario) -> None:
-        self._vector.assign([self._index], scenario=value)
+        self._vector.assign([self._index], scenario=find_scenario(value))
 
     @property
     def force_scale(self) -> float:
@@ -164,7 +177,7 @@ class Car:
 
     @force_scale.setter
     def force_scale(self, value: float) -> None:
-        self._vector.assign([self._index], force_scale=value)
+        self._vector.assign([self._index], force_scale=positive("force_scale", value))
 
     @property
     def state(self) -> State:

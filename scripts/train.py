@@ -17,7 +17,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from agents.publish import publish
+from agents.publish import check_unpublished, publish
 from agents.recipes import ALGORITHMS, TASKS, Recipe, recipe
 from agents.train import Progress, References, Result, check_new, resumed_recipe, train
 from qcar_env.evaluation.storage import check_folder, replacing
@@ -43,6 +43,8 @@ def main(argv: list[str] | None = None) -> int:
             chosen = dataclasses.replace(chosen, steps=args.steps)
         if args.publish and args.steps is not None:
             raise ValueError("--publish ships what the recipe makes; leave out --steps")
+        if args.publish:
+            check_unpublished(chosen.name, force=args.force)
         folders = _folders(chosen, args)
         results = [
             _one(chosen, seed, folder, args, resume=False) for seed, folder in folders.items()

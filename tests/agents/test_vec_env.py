@@ -81,6 +81,8 @@ def test_options_that_some_cars_have_leave_the_others_as_a_single_environment_ha
     [
         ([{}, {"phas": 1.0}], "unknown reset option 'phas'; did you mean 'phase'"),
         ([{}, {"reset_mask": True}], "unknown reset option 'reset_mask'"),
+        (3, "options must be one dict or 2 of them, got 3; give one for each car"),
+        ([{}, None], r"options must be one dict or 2 of them, got \[\{\}, None\]; give one"),
         ([{}], "options must be one dict or 2 of them, got 1; give one for each car"),
     ],
 )
@@ -102,6 +104,28 @@ def test_an_index_out_of_range_changes_no_car():
         with pytest.raises(ValueError, match="indices must be"):
             env.get_attr("force_scale", indices)
     assert env.get_attr("force_scale") == [1.0] * 3
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("force_scale", None, "force_scale must be a number, got None"),
+        ("force_scale", 0.0, "force_scale must be positive, got 0"),
+        ("scenario", None, "unknown scenario None"),
+        ("scenario", "papr", "unknown scenario 'papr'; did you mean 'paper'"),
+    ],
+)
+def test_an_attribute_that_cannot_be_is_refused(name, value, message):
+    env = QuarterCarHumpVecEnv(2)
+    with pytest.raises(ValueError, match=message):
+        env.set_attr(name, value)
+
+
+def test_a_step_needs_actions():
+    env = QuarterCarHumpVecEnv(1)
+    env.reset()
+    with pytest.raises(ValueError, match=r"actions must be given .* call step_async"):
+        env.step_wait()
 
 
 def test_attributes_of_single_cars():

@@ -42,6 +42,7 @@ LEARNING = ("train", "learning_report")  # commands that need torch
             ["--target-db", "nan"],
             "error: target-db must be finite, got nan dB; give a fin",
         ),
+        ("train", ["--publish"], "error: there is an agent ppo-paper in "),
         ("train", ["--resume", "taken"], "error: taken is no run folder (NotADirectoryError: "),
         ("tune", ["--out", "."], "tune: --out must be a file, got the folder .; give a name in it"),
         (
