@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.envs import task
-from qcar_env.physics.validation import known, positive, whole
+from qcar_env.physics.validation import entries, known, positive, shown, store, whole
 from qcar_env.scenarios import SCENARIOS, Randomisation, Scenario, scenario as find_scenario, vary
 
 Array = NDArray[np.float64]
@@ -107,14 +107,22 @@ class Track:
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
-        whole("version", self.version)
-        whole("episodes", self.episodes)
-        whole("periods", self.periods)
-        positive("duration", self.duration, "s")
-        known("scenario", self.scenario, SCENARIOS)
-        known("observe", self.observe, task.OBSERVE)
-        for scale in self.force_scales:
-            positive("force scale", scale)
+        scales = entries(self.force_scales)
+        if not scales:
+            raise ValueError(
+                f"force_scales must be a tuple of numbers, got {shown(self.force_scales)}; "
+                "give at least one"
+            )
+        store(
+            self,
+            version=whole("version", self.version),
+            episodes=whole("episodes", self.episodes),
+            periods=whole("periods", self.periods),
+            duration=positive("duration", self.duration, "s"),
+            scenario=known("scenario", self.scenario, SCENARIOS),
+            observe=known("observe", self.observe, task.OBSERVE),
+            force_scales=tuple(positive("force scale", scale) for scale in scales),
+        )
 
     @property
     def nominal(self) -> Scenario:

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -47,6 +49,30 @@ def test_the_first_crossing_of_a_fixed_scenario_starts_from_rest():
     first = episodes(track("paper"), force_scale=1.0)[0]
     assert first.state == (0.0, 0.0, 0.0, 0.0)
     assert first.phase == 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"force_scales": 1.0}, "force_scales must be a tuple of numbers, got 1.0"),
+        ({"force_scales": ()}, r"force_scales must be a tuple of numbers, got \(\)"),
+        ({"force_scales": (1.0, 0.0)}, "force scale must be positive, got 0"),
+        ({"episodes": 0}, "episodes must be at least 1, got 0"),
+        ({"duration": -1.0}, "duration must be positive, got -1 s"),
+    ],
+)
+def test_a_track_of_nothing_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(track("paper"), **change)
+
+
+def test_a_track_keeps_plain_numbers():
+    given = dataclasses.replace(
+        track("paper"), force_scales=[np.float32(0.5), 1], episodes=4.0, duration=np.array(60.0)
+    )
+    same = dataclasses.replace(track("paper"), force_scales=(0.5, 1.0), episodes=4, duration=60.0)
+    assert given == same
+    assert hash(given) == hash(same)
 
 
 def test_unknown_names_list_what_there_is():
