@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.envs import task
-from qcar_env.physics.validation import entries, known, positive, shown, store, whole
+from qcar_env.physics.validation import known, positive, shown, store, whole
 from qcar_env.scenarios import SCENARIOS, Randomisation, Scenario, scenario as find_scenario, vary
 
 Array = NDArray[np.float64]
@@ -107,11 +107,10 @@ class Track:
 
     def __post_init__(self) -> None:
         """Check names and numbers."""
-        scales = entries(self.force_scales)
-        if not scales:
+        if not isinstance(self.force_scales, (tuple, list)):
             raise ValueError(
                 f"force_scales must be a tuple of numbers, got {shown(self.force_scales)}; "
-                "give at least one"
+                "give (1.0,) for one limit"
             )
         store(
             self,
@@ -121,7 +120,7 @@ class Track:
             duration=positive("duration", self.duration, "s"),
             scenario=known("scenario", self.scenario, SCENARIOS),
             observe=known("observe", self.observe, task.OBSERVE),
-            force_scales=tuple(positive("force scale", scale) for scale in scales),
+            force_scales=tuple(positive("force scale", scale) for scale in self.force_scales),
         )
 
     @property

@@ -55,7 +55,7 @@ def test_the_first_crossing_of_a_fixed_scenario_starts_from_rest():
     ("change", "message"),
     [
         ({"force_scales": 1.0}, "force_scales must be a tuple of numbers, got 1.0"),
-        ({"force_scales": ()}, r"force_scales must be a tuple of numbers, got \(\)"),
+        ({"force_scales": {0.5}}, r"force_scales must be a tuple of numbers, got \{0.5\}"),
         ({"force_scales": (1.0, 0.0)}, "force scale must be positive, got 0"),
         ({"episodes": 0}, "episodes must be at least 1, got 0"),
         ({"duration": -1.0}, "duration must be positive, got -1 s"),
