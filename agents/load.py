@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from qcar_env.envs.task import Observe
 from qcar_env.evaluation.onnx_policy import OnnxPolicy
-from qcar_env.physics.validation import known
+from qcar_env.validation import known
 
 PRETRAINED = Path(__file__).parent / "pretrained"
 

@@ -29,7 +29,7 @@ from stable_baselines3.td3.policies import Actor as TD3Actor, TD3Policy
 from torch import Tensor, nn
 
 from qcar_env.envs import task
-from qcar_env.physics.validation import known, positive
+from qcar_env.validation import known, positive
 
 TINY = 1e-6  # [-] keeps a direction defined where the road is flat
 FEATURES = ("plain", "full", "feedback")

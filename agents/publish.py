@@ -14,7 +14,7 @@ from agents.load import PRETRAINED, Agent
 from agents.recipes import RECIPES
 from agents.train import score_all
 from qcar_env.evaluation.storage import write_json
-from qcar_env.physics.validation import known
+from qcar_env.validation import known
 
 LARGEST = 1_000_000  # bytes of a shipped file
 FILES = ("policy.onnx", "recipe.json", "command.txt", "versions.json")

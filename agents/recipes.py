@@ -33,7 +33,7 @@ from typing import Any, Literal
 from agents.networks import FeatureMap
 from agents.training_env import Reward
 from qcar_env.evaluation.tracks import Track, track as find_track
-from qcar_env.physics.validation import known, non_negative, whole
+from qcar_env.validation import known, non_negative, whole
 
 Algorithm = Literal["ppo", "sac", "td3", "cma", "gradient"]
 ALGORITHMS: tuple[Algorithm, ...] = ("ppo", "sac", "td3", "cma", "gradient")

@@ -21,8 +21,8 @@ from qcar_env.control import CNVC, LNVC
 from qcar_env.envs import task
 from qcar_env.evaluation.policy import Policy, actions_of, check_policy
 from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
-from qcar_env.physics.validation import known, positive
 from qcar_env.scenarios import Scenario
+from qcar_env.validation import known, positive
 
 Array = NDArray[np.float64]
 PERIODS = 20  # over which amplitudes are taken

@@ -35,7 +35,7 @@ from qcar_env.envs import task
 from qcar_env.evaluation.policy import Policy
 from qcar_env.evaluation.storage import command, replacing, versions, write_json, write_text
 from qcar_env.evaluation.tracks import Split
-from qcar_env.physics.validation import positive, whole
+from qcar_env.validation import positive, whole
 
 LIVE_CROSSING = 6.0  # [s] of a live evaluation; final scores take the track's full duration
 LIVE_CROSSINGS = 8  # in a live evaluation where scenarios vary

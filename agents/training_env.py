@@ -30,7 +30,7 @@ from agents import crossing
 from agents.crossing import Plants
 from qcar_env.envs import task
 from qcar_env.evaluation.tracks import Track, episodes
-from qcar_env.physics.validation import non_negative, whole
+from qcar_env.validation import non_negative, whole
 
 PENALTY = 10.0  # [-] for leaving the travel limits, about ten intervals of full force in phase
 POOL = 1024  # cars drawn at the beginning where the scenario varies; episodes pick among them

@@ -17,8 +17,8 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 from qcar_env.envs import task
 from qcar_env.envs.vector import TERMS, QuarterCarHumpVectorEnv
 from qcar_env.physics.state import State
-from qcar_env.physics.validation import known, positive
 from qcar_env.scenarios import Scenario, scenario as find_scenario
+from qcar_env.validation import known, positive
 
 
 class QuarterCarHumpVecEnv(VecEnv):

@@ -18,8 +18,8 @@ from qcar_env.control.lqr import Weights
 from qcar_env.control.skyhook import Groundhook, Hybrid, Skyhook
 from qcar_env.evaluation.policy import Policy
 from qcar_env.evaluation.tracks import TRACKS
-from qcar_env.physics.validation import finite, known, positive
 from qcar_env.scenarios import Scenario, scenario as find_scenario
+from qcar_env.validation import finite, known, positive
 
 from .internal_model_policy import InternalModelPolicy
 from .law_policy import LawPolicy

@@ -28,8 +28,8 @@ from qcar_env.control.lqr import Weights
 from qcar_env.evaluation.batch_rollouts import Crossings, batch_rollout, steady_rho, window_steps
 from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
 from qcar_env.physics.state import Filter, State
-from qcar_env.physics.validation import known, whole
 from qcar_env.scenarios import Scenario
+from qcar_env.validation import known, whole
 
 from . import catalogue
 from .law_policy import filter_matrices, first_order_hold

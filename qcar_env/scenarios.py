@@ -20,7 +20,7 @@ from qcar_env.physics.dynamics import Coefficients
 from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.rk4 import ACCURACY_LIMIT, STABILITY_LIMIT
 from qcar_env.physics.roads import Road
-from qcar_env.physics.validation import (
+from qcar_env.validation import (
     entries,
     finite,
     instance,

@@ -31,7 +31,7 @@ import numpy as np  # noqa: E402
 from qcar_env.evaluation import benchmark, storage  # noqa: E402
 from qcar_env.evaluation.benchmark import Bound, History, Row, Scores, Standing  # noqa: E402
 from qcar_env.evaluation.tracks import TRACKS, Track, track  # noqa: E402
-from qcar_env.physics.validation import whole  # noqa: E402
+from qcar_env.validation import whole  # noqa: E402
 from scripts import contestants  # noqa: E402
 from scripts.contestants import Contestant  # noqa: E402
 

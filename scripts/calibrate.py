@@ -21,8 +21,8 @@ from qcar_env.analysis.paper_experiments import trends
 from qcar_env.analysis.table1 import PRINTED
 from qcar_env.control import CNVC
 from qcar_env.evaluation import storage
-from qcar_env.physics.validation import positive
 from qcar_env.scenarios import scenario
+from qcar_env.validation import positive
 
 OMEGAS = (26.0, 33.0, 40.0, 47.0, 55.0, 60.0, 66.0)  # [rad/s]
 

@@ -26,10 +26,10 @@ from qcar_env.evaluation import storage
 from qcar_env.evaluation.comparison import Outcome, outcome
 from qcar_env.evaluation.rollouts import Rollout, rollout
 from qcar_env.evaluation.tracks import TRACKS
-from qcar_env.physics.validation import finite, known, positive
 from qcar_env.plots import time_history
 from qcar_env.plots.style import journal
 from qcar_env.scenarios import SCENARIOS, Scenario, scenario as find_scenario
+from qcar_env.validation import finite, known, positive
 from scripts import contestants
 
 STEADY = 60.0  # [s] from rest; the paper's slow mode has a time constant of 4.8 s

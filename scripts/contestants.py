@@ -14,8 +14,8 @@ from qcar_env.envs.task import Observe
 from qcar_env.evaluation.benchmark import may_enter
 from qcar_env.evaluation.onnx_policy import OnnxPolicy
 from qcar_env.evaluation.tracks import TRACKS, Track
-from qcar_env.physics.validation import known
 from qcar_env.scenarios import Scenario
+from qcar_env.validation import known
 
 # Policies whose plan is made for one known road: where the road is drawn they do not enter.
 PLANNED = ("mpc",)

@@ -31,10 +31,10 @@ from qcar_env.analysis.table1 import table1
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import Law
 from qcar_env.evaluation import storage
-from qcar_env.physics.validation import known
 from qcar_env.plots import paper_figures
 from qcar_env.plots.style import journal
 from qcar_env.scenarios import Scenario, scenario
+from qcar_env.validation import known
 
 LAWS = {"none": Passive(), "cnvc": CNVC()}
 DETUNINGS = ("sigma1", "sigma2")

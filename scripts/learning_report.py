@@ -40,7 +40,7 @@ from qcar_env.evaluation.storage import (
     write_text,
 )
 from qcar_env.evaluation.tracks import Track, episodes
-from qcar_env.physics.validation import known, whole
+from qcar_env.validation import known, whole
 
 RUNS = Path("runs")
 OUT = Path("results/learning")

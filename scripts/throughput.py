@@ -41,7 +41,7 @@ from qcar_env.evaluation import storage
 from qcar_env.physics import engine, engine_continuous
 from qcar_env.physics.motion import plant, world_at
 from qcar_env.physics.rk4 import step_fractions
-from qcar_env.physics.validation import whole
+from qcar_env.validation import whole
 
 NUM_ENVS = (1, 64, 1024, 16384, 262144)
 SLICE = 0.03  # [s] that a candidate runs in a round

@@ -21,7 +21,7 @@ from agents.publish import check_unpublished, publish
 from agents.recipes import ALGORITHMS, TASKS, Recipe, recipe
 from agents.train import Progress, References, Result, check_new, resumed_recipe, train
 from qcar_env.evaluation.storage import check_folder, replacing
-from qcar_env.physics.validation import positive, whole
+from qcar_env.validation import positive, whole
 
 RUNS = Path("runs")
 

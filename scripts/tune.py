@@ -16,7 +16,7 @@ from pathlib import Path
 from baselines import catalogue, tune
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.tracks import TRACKS, track
-from qcar_env.physics.validation import known, positive, whole
+from qcar_env.validation import known, positive, whole
 
 DEFAULT_TRACKS = ("budget", "randomised")  # the other two have the same scenario as `budget`
 

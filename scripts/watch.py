@@ -26,9 +26,9 @@ from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.policy import Policy
 from qcar_env.physics import linear
-from qcar_env.physics.validation import known, non_negative, positive
 from qcar_env.plots.style import Line, line
 from qcar_env.scenarios import SCENARIOS, Scenario, scenario as find_scenario
+from qcar_env.validation import known, non_negative, positive
 
 Frame = NDArray[np.uint8]
 SUFFIXES = (".mp4", ".gif")

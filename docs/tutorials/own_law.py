@@ -22,8 +22,8 @@ from baselines.law_policy import LawPolicy
 from qcar_env.analysis.simulate import steady_amplitudes
 from qcar_env.control import CNVC
 from qcar_env.evaluation.rollouts import rollout
-from qcar_env.physics.validation import non_negative
 from qcar_env.scenarios import scenario
+from qcar_env.validation import non_negative
 
 SHORT = "--short" in sys.argv
 

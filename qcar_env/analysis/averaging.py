@@ -48,7 +48,7 @@ from qcar_env.control.passive import Passive
 from qcar_env.control.pd import PD
 from qcar_env.control.ppf import PPF
 from qcar_env.physics.state import Filter, State
-from qcar_env.physics.validation import entries, finite_array, known, shown, whole
+from qcar_env.validation import entries, finite_array, known, shown, whole
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

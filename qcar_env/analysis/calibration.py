@@ -27,7 +27,7 @@ from qcar_env.analysis.table1 import PRINTED, PrintedRow
 from qcar_env.control import CNVC, NDF, PPF, Passive
 from qcar_env.control.law import Law
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.validation import entries, finite, non_negative, positive, shown, store
+from qcar_env.validation import entries, finite, non_negative, positive, shown, store
 
 Array = NDArray[np.float64]
 

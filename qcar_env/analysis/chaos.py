@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from qcar_env.analysis.harmonic_balance import PeriodicSystem, of_each_state
 from qcar_env.analysis.periodic_orbit import MOST_PERIODS, STEPS, flow_map
-from qcar_env.physics.validation import whole
+from qcar_env.validation import whole
 
 Array = NDArray[np.float64]
 

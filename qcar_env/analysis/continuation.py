@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from qcar_env.analysis.newton import newton
-from qcar_env.physics.validation import finite, positive, shown, whole
+from qcar_env.validation import finite, positive, shown, whole
 
 Array = NDArray[np.float64]
 Residual = Callable[[Array, float], Array]

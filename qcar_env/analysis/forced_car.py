@@ -34,8 +34,8 @@ from qcar_env.physics.dynamics import Coefficients, forcing_by
 from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.roads import Road, harmonic
 from qcar_env.physics.state import Filter, State
-from qcar_env.physics.validation import finite, finite_array, instance, known, positive, store
 from qcar_env.scenarios import Scenario
+from qcar_env.validation import finite, finite_array, instance, known, positive, store
 
 Array = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from qcar_env.analysis.forced_car import ForcedCar, ForcedCars, stack, sweep
 from qcar_env.analysis.harmonic_balance import DENSE, MOST_HARMONICS, HarmonicBalance, balance
 from qcar_env.analysis.newton import newton
 from qcar_env.analysis.periodic_orbit import monodromy
-from qcar_env.physics.validation import finite, known, positive, whole
+from qcar_env.validation import finite, known, positive, whole
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

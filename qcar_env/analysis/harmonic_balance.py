@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.analysis.newton import newton
-from qcar_env.physics.validation import shown, store, whole
+from qcar_env.validation import shown, store, whole
 
 Array = NDArray[np.float64]
 

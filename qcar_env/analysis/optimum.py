@@ -55,7 +55,8 @@ from scipy.sparse import coo_array, csc_array
 from scipy.sparse.linalg import splu
 
 from qcar_env.physics import linear
-from qcar_env.physics.validation import (
+from qcar_env.scenarios import Scenario, scenario as find_scenario
+from qcar_env.validation import (
     entries,
     finite,
     finite_array,
@@ -65,7 +66,6 @@ from qcar_env.physics.validation import (
     shown,
     whole,
 )
-from qcar_env.scenarios import Scenario, scenario as find_scenario
 
 Array = NDArray[np.float64]
 Objective = Literal["max", "sum", "rms"]

@@ -32,7 +32,7 @@ from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import Law
 from qcar_env.physics import roads
 from qcar_env.physics.state import State
-from qcar_env.physics.validation import entries, finite, non_negative, positive, whole
+from qcar_env.validation import entries, finite, non_negative, positive, whole
 
 Array = NDArray[np.float64]
 

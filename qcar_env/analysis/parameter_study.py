@@ -18,7 +18,7 @@ from qcar_env.analysis.forced_car import ForcedCar
 from qcar_env.analysis.frequency_response import Method, Response, response
 from qcar_env.analysis.simulate import steady_amplitudes
 from qcar_env.physics.state import State
-from qcar_env.physics.validation import finite_array, known, shown
+from qcar_env.validation import finite_array, known, shown
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from qcar_env.analysis.averaging import numerical_jacobian
 from qcar_env.analysis.harmonic_balance import MOST_SAMPLES, PeriodicSystem, of_each_state
 from qcar_env.analysis.newton import newton
 from qcar_env.physics.rk4 import rk4_step, step_fractions
-from qcar_env.physics.validation import whole
+from qcar_env.validation import whole
 
 Array = NDArray[np.float64]
 

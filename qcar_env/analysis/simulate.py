@@ -39,7 +39,7 @@ from qcar_env.physics.motion import plant, world_at
 from qcar_env.physics.rk4 import ACCURACY_LIMIT, STABILITY_LIMIT, step_fractions
 from qcar_env.physics.roads import Road
 from qcar_env.physics.state import Filter, State
-from qcar_env.physics.validation import entries, finite, instance, known, positive, shown, whole
+from qcar_env.validation import entries, finite, instance, known, positive, shown, whole
 
 Array = NDArray[np.float64]
 Start = State | ControlledState

@@ -34,7 +34,7 @@ from qcar_env.analysis.harmonic_balance import balance
 from qcar_env.analysis.periodic_orbit import periodic_orbits
 from qcar_env.control.cnvc import CNVC
 from qcar_env.control.passive import Passive
-from qcar_env.physics.validation import finite, finite_array, shown, whole
+from qcar_env.validation import finite, finite_array, shown, whole
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]

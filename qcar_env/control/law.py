@@ -14,7 +14,7 @@ from qcar_env.physics.closed_loop import (
     memoryless_rate,
 )
 from qcar_env.physics.state import Filter
-from qcar_env.physics.validation import shown
+from qcar_env.validation import shown
 
 __all__ = [
     "REST",

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from qcar_env.control.law import Command, FilterRate
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.validation import non_negative, store
+from qcar_env.validation import non_negative, store
 
 
 class LNVCGains(NamedTuple):

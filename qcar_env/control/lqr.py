@@ -30,7 +30,7 @@ from scipy.linalg import expm, solve_discrete_are
 
 from qcar_env.physics import linear
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.validation import non_negative, positive, store
+from qcar_env.validation import non_negative, positive, store
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.control.lqr import SampledPlant, Weights, cost_to_go
-from qcar_env.physics.validation import whole
+from qcar_env.validation import whole
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from qcar_env.control.law import Command, FilterRate
 from qcar_env.physics.car import QuarterCar
 from qcar_env.physics.state import Filter
-from qcar_env.physics.validation import non_negative, positive, store
+from qcar_env.validation import non_negative, positive, store
 
 
 class NDFGains(NamedTuple):

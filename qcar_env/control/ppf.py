@@ -15,7 +15,7 @@ from qcar_env.control.law import Command, FilterRate
 from qcar_env.control.static_stability import check_static_stiffness
 from qcar_env.physics.car import QuarterCar
 from qcar_env.physics.state import Filter
-from qcar_env.physics.validation import non_negative, positive, store
+from qcar_env.validation import non_negative, positive, store
 
 
 class PPFGains(NamedTuple):

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 from qcar_env.control.law import Command, FilterRate
 from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.validation import non_negative, positive, store
+from qcar_env.validation import non_negative, positive, store
 
 
 class HybridGains(NamedTuple):

@@ -15,8 +15,8 @@ from qcar_env.physics import engine, engine_sampled
 from qcar_env.physics.forcing import World
 from qcar_env.physics.motion import angle
 from qcar_env.physics.rk4 import step_fractions
-from qcar_env.physics.validation import whole
 from qcar_env.scenarios import Scenario
+from qcar_env.validation import whole
 
 FLOAT = np.dtype(np.float64)
 SHOWN = np.dtype(np.float32)

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from qcar_env.envs import task
 from qcar_env.physics import engine, engine_sampled
 from qcar_env.physics.state import State
-from qcar_env.physics.validation import finite, known
 from qcar_env.scenarios import Scenario, scenario as find_scenario, vary
+from qcar_env.validation import finite, known
 
 SHOWN = np.dtype(np.float32)
 

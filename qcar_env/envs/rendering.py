@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.physics.state import State, squared_amplitudes
-from qcar_env.physics.validation import whole
 from qcar_env.scenarios import Scenario
+from qcar_env.validation import whole
 
 os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # before pygame greets on stdout
 import pygame

@@ -37,8 +37,8 @@ from qcar_env.physics.motion import Plant, angle, half_step_angles
 from qcar_env.physics.rk4 import step_fractions
 from qcar_env.physics.roads import ENDLESS, Phasor, RoadPieces, kink_time
 from qcar_env.physics.state import State
-from qcar_env.physics.validation import positive
 from qcar_env.scenarios import Randomisation, Scenario, vary_car
+from qcar_env.validation import positive
 
 OBSERVATION_LIMIT = 10.0  # [-] bound of every entry; travel ends an episode long before
 Observe = Literal["full", "feedback"]

@@ -26,8 +26,8 @@ from qcar_env.physics.engine_sampled import (
 )
 from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.state import State
-from qcar_env.physics.validation import finite, known, whole
 from qcar_env.scenarios import Scenario, scenario as find_scenario
+from qcar_env.validation import finite, known, whole
 
 if TYPE_CHECKING:
     from qcar_env.envs.rendering import Painter, Picture

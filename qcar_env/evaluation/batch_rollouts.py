@@ -24,7 +24,7 @@ from qcar_env.physics import linear
 from qcar_env.physics.forcing import World
 from qcar_env.physics.roads import Phasor
 from qcar_env.physics.state import State
-from qcar_env.physics.validation import known, positive, whole
+from qcar_env.validation import known, positive, whole
 
 Array = NDArray[np.float64]
 

@@ -22,8 +22,8 @@ from qcar_env.evaluation.batch_rollouts import (
 from qcar_env.evaluation.policy import Policy
 from qcar_env.evaluation.statistics import Interval, bootstrap, improvement_interval, iqm
 from qcar_env.evaluation.tracks import Split, Track, episodes
-from qcar_env.physics.validation import known
 from qcar_env.scenarios import Scenario
+from qcar_env.validation import known
 
 Array = NDArray[np.float64]
 

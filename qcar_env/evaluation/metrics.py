@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.physics.validation import finite, positive, whole
+from qcar_env.validation import finite, positive, whole
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.evaluation.policy import Policy, actions_of, check_policy
-from qcar_env.physics.validation import whole
 from qcar_env.scenarios import Scenario
+from qcar_env.validation import whole
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
-from qcar_env.physics.validation import finite, whole
+from qcar_env.validation import finite, whole
 
 Array = NDArray[np.float64]
 Statistic = Callable[[Array], Array]

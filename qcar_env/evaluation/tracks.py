@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.envs import task
-from qcar_env.physics.validation import known, positive, shown, store, whole
 from qcar_env.scenarios import SCENARIOS, Randomisation, Scenario, scenario as find_scenario, vary
+from qcar_env.validation import known, positive, shown, store, whole
 
 Array = NDArray[np.float64]
 Split = Literal["training", "validation", "held-out"]

@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 from qcar_env.physics.dynamics import Coefficients
-from qcar_env.physics.validation import finite, non_negative, positive, store
+from qcar_env.validation import finite, non_negative, positive, store
 
 UNITS = {  # of every coefficient, for checks and labels
     "omega1": "rad/s",

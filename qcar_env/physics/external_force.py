@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from qcar_env.physics.roads import Phasor
-from qcar_env.physics.validation import finite, finite_array, non_negative, store
+from qcar_env.validation import finite, finite_array, non_negative, store
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,7 @@ from qcar_env.physics.motion import half_step_angles, substep
 from qcar_env.physics.rk4 import step_fractions
 from qcar_env.physics.roads import Phasor, Road
 from qcar_env.physics.state import State
-from qcar_env.physics.validation import finite, positive, whole
+from qcar_env.validation import finite, positive, whole
 
 Array = NDArray[np.float64]
 

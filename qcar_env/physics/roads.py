@@ -24,7 +24,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.physics.validation import (
+from qcar_env.validation import (
     finite,
     finite_array,
     known,

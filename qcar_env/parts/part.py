@@ -1,0 +1,118 @@
+"""What a part is: a frozen record of SI numbers, and pure functions of them.
+
+    @dataclass(frozen=True, kw_only=True)
+    class CubicSpring(Part):
+        k: float = number("stiffness", "N/m", positive)
+        k3: float = number("cubic stiffness", "N/m^3", finite, 0.0)
+
+        @staticmethod
+        def force(travel, p):
+            return p.k * travel + p.k3 * travel * travel * travel
+
+The numbers enter the functions as a named tuple `p`, so that one source runs on floats, on arrays
+``(n,)`` and in compiled code, where each car has numbers of its own.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+from qcar_env.validation import store
+
+Check = Callable[[str, Any, str], float]
+
+
+class Nothing(NamedTuple):
+    """No numbers, or no memory."""
+
+
+def number(title: str, unit: str, check: Check, default: Any = MISSING) -> Any:
+    """Declare a number of a part.
+
+    Parameters
+    ----------
+    title : str
+        What it is, for messages and tables.
+    unit : str
+        Its unit; "-" for none.
+    check : callable
+        ``check(name, value, unit)`` returns the value as a float or raises ValueError:
+        `qcar_env.validation.positive`, `non_negative`, `finite`.
+    default : float, optional
+        Its value where none is given.
+    """
+    metadata = {"title": title, "unit": unit, "check": check}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """Base of everything that has numbers; checks them where they enter."""
+
+    def __post_init__(self) -> None:
+        """Check every number."""
+        for each in dataclasses.fields(self):
+            if "check" in each.metadata:
+                check, unit = each.metadata["check"], each.metadata["unit"]
+                name = f"{each.metadata['title']} {each.name}".strip()
+                store(self, **{each.name: check(name, getattr(self, each.name), unit)})
+
+    @property
+    def numbers(self) -> Any:
+        """The numbers as a named tuple, those of its own parts nested in it."""
+        return numbers_class(type(self))(*(_numbers(getattr(self, name)) for name in _fields(self)))
+
+
+@cache
+def numbers_class(kind: type[Part]) -> Any:
+    """Return the NamedTuple class of the numbers of a class of parts."""
+    made: Any = NamedTuple(kind.__name__ + "Numbers", [(name, Any) for name in _fields(kind)])
+    made.__module__, made.__doc__ = kind.__module__, f"Numbers of a {kind.__name__}."
+    return made
+
+
+def units(kind: type[Part]) -> dict[str, str]:
+    """Return the unit of each number of a class of parts."""
+    fields = dataclasses.fields(kind)
+    return {each.name: each.metadata["unit"] for each in fields if "unit" in each.metadata}
+
+
+def _fields(part: Any) -> list[str]:
+    """Return the names of fields that hold numbers: not of texts and switches."""
+    return [each.name for each in dataclasses.fields(part) if each.metadata.get("numeric", True)]
+
+
+def text(default: Any = MISSING) -> Any:
+    """Declare a field of a part that is no number: a name, a switch."""
+    return dataclasses.field(default=default, metadata={"numeric": False})
+
+
+def _numbers(value: Any) -> Any:
+    if isinstance(value, Part):
+        return value.numbers
+    if isinstance(value, tuple):
+        return tuple(float(each) for each in value)
+    return float(value)
+
+
+# Branch-free forms, the same on floats, arrays and in compiled code ---------------------------
+
+
+def least(a: Any, b: Any) -> Any:
+    """Return the smaller of two numbers."""
+    return a * (a <= b) + b * (b < a)
+
+
+def most(a: Any, b: Any) -> Any:
+    """Return the larger of two numbers."""
+    return a * (a >= b) + b * (b > a)
+
+
+def clamp(value: Any, low: Any, high: Any) -> Any:
+    """Return `value` held within ``[low, high]``; all three are finite."""
+    inside = (value >= low) * (value <= high)
+    return value * inside + low * (value < low) + high * (value > high)

@@ -1,0 +1,1 @@
+"""Roads: height and slope over the distance, with kinks."""
