@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from qcar_env.physics import validation
+from qcar_env import validation
 
 NOT_FINITE = [math.nan, math.inf, -math.inf]
 NOT_NUMBERS = ["1", b"1", None, True, 1j, [1.0], {1.0}, object()]

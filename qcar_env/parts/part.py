@@ -16,6 +16,7 @@ The numbers enter the functions as a named tuple `p`, so that one source runs on
 from __future__ import annotations
 
 import dataclasses
+from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass
 from functools import cache
@@ -70,8 +71,8 @@ class Part:
 @cache
 def numbers_class(kind: type[Part]) -> Any:
     """Return the NamedTuple class of the numbers of a class of parts."""
-    made: Any = NamedTuple(kind.__name__ + "Numbers", [(name, Any) for name in _fields(kind)])
-    made.__module__, made.__doc__ = kind.__module__, f"Numbers of a {kind.__name__}."
+    made: Any = namedtuple(kind.__name__ + "Numbers", _fields(kind))
+    made.__module__ = kind.__module__
     return made
 
 
