@@ -71,7 +71,7 @@ class Part:
 @cache
 def numbers_class(kind: type[Part]) -> Any:
     """Return the NamedTuple class of the numbers of a class of parts."""
-    made: Any = namedtuple(kind.__name__ + "Numbers", _fields(kind))
+    made: Any = namedtuple(kind.__name__ + "Numbers", _fields(kind))  # pyright: ignore[reportUntypedNamedTuple]
     made.__module__ = kind.__module__
     return made
 
