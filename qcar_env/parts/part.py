@@ -24,7 +24,9 @@ from typing import Any, NamedTuple
 
 from qcar_env.validation import store
 
-Check = Callable[[str, Any, str], float]
+Check = Callable[[str, Any, str], Any]
+
+UNLIMITED = 1e300  # a limit that is none; finite, so that 0 * UNLIMITED is 0
 
 
 class Nothing(NamedTuple):
@@ -42,7 +44,8 @@ def number(title: str, unit: str, check: Check, default: Any = MISSING) -> Any:
         Its unit; "-" for none.
     check : callable
         ``check(name, value, unit)`` returns the value as a float or raises ValueError:
-        `qcar_env.validation.positive`, `non_negative`, `finite`.
+        `qcar_env.validation.positive`, `non_negative`, `finite`. For a tuple of numbers it
+        returns a tuple: `qcar_env.parts.table.several`, `rising`.
     default : float, optional
         Its value where none is given.
     """
@@ -64,7 +67,10 @@ class Part:
 
     @property
     def numbers(self) -> Any:
-        """The numbers as a named tuple, those of its own parts nested in it."""
+        """The numbers as a named tuple, those of its own parts nested in it.
+
+        A part whose functions want other numbers than its fields makes them here (a table: slopes).
+        """
         return numbers_class(type(self))(*(_numbers(getattr(self, name)) for name in _fields(self)))
 
 
