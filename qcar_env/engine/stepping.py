@@ -1,0 +1,804 @@
+"""Cars whose actions are held over control intervals: the compiled steps of the environments.
+
+An interval has three passes over a block of cars: actions to commands, Runge-Kutta steps, and what
+is read at their end. A car that meets a kink of its road within the interval is then integrated once
+more by itself, cut at the kink; a car whose episode is over starts the next one.
+"""
+
+# pyright: basic
+# numba has no types for what it compiles.
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from qcar_env.engine.compile import (
+    LANES,
+    compiled,
+    compiled_apart,
+    kernel,
+    load,
+    load_wide,
+    negative_sum,
+    save,
+    source_stamp,
+    together,
+)
+from qcar_env.engine.course import Pieces, RoadFunctions, course
+from qcar_env.engine.layout import Layout
+from qcar_env.engine.random import uniform
+from qcar_env.engine.starts import (
+    CIRCLE,
+    MOTION_DRAWS,
+    Clock,
+    Fixed,
+    Force,
+    Nominal,
+    drawn_motion,
+    vary,
+)
+from qcar_env.physics.car_new import REST, CarFunctions
+from qcar_env.physics.motion2 import (
+    Phasor,
+    Phasors,
+    angle,
+    four_turning_steps,
+    given_step,
+    turning as turning_of,
+    turning_step,
+)
+from qcar_env.physics.plant import PlantState, plant_functions
+from qcar_env.physics.rk4 import step_fractions
+from qcar_env.physics.signals import Moment, Signal
+from qcar_env.physics.state import State
+from qcar_env.physics.tree import bounded, flat, times
+
+DISABLED, NEXT_STEP, SAME_STEP = range(3)  # what becomes of a car whose episode is over
+NEVER = 2**62  # [intervals] a kink that does not come
+RESEED = 64  # [intervals] after which phasors in single precision are computed anew
+OBSERVATION_LIMIT = 10.0  # [-] bound of every entry; travel ends an episode long before
+
+FINE, NOT_FINITE, OVER, WRONG_SHAPE = 0, -1, -2, -3  # codes of a step
+NOTHING_GIVEN = (math.nan,) * 5
+
+for _each in (four_turning_steps, given_step):
+    compiled(_each)
+
+
+@dataclass(frozen=True)
+class Composition:
+    """What is compiled: classes and functions, no numbers."""
+
+    car: CarFunctions
+    road: RoadFunctions
+    actuator: type
+    observed: tuple[Signal, ...]
+    terms: tuple[type, ...]  # of the reward
+    like: Nominal  # shapes of the numbers; their values do not matter
+
+    def __hash__(self) -> int:
+        """Ignore `like`: classes decide the shapes."""
+        return hash((self.car, self.road, self.actuator, self.observed, self.terms))
+
+    def __eq__(self, other: object) -> bool:
+        """Compare classes and shapes."""
+        if not isinstance(other, Composition):
+            return False
+        mine, theirs = (
+            (each.car, each.road, each.actuator, each.observed, each.terms, len(flat(each.like)))
+            for each in (self, other)
+        )
+        return mine == theirs
+
+
+@dataclass(frozen=True)
+class Kernels:
+    """Compiled functions, and where things lie."""
+
+    moving: Layout  # slab of what moves: state, phasors, what reward terms remember
+    clock: Layout  # slab in double precision
+    fixed: Layout  # slab of what stays the same during an episode
+    scratch: int  # rows that are passed on within an interval, without `stages`
+    stages: int  # and for each stage time of a road that is read
+    step: Any
+    reset: Any
+    step_one: Any
+    reset_one: Any
+
+
+@cache
+def compose(what: Composition, single: bool) -> Kernels:
+    """Compile the steps of a composition.
+
+    Parameters
+    ----------
+    what : Composition
+        The composition.
+    single : bool
+        Whether slabs have single precision.
+    """
+    real = np.float32 if single else np.float64
+    car, kind, like = what.car, what.actuator, what.like
+    road = course(what.road, car)
+    plant = plant_functions(car, kind)
+    m, K, T = kind.size, len(what.observed), len(what.terms)
+    read = together(tuple(each.reading for each in what.observed))
+    measure = together(
+        tuple(together(tuple(each.reading for each in term.reads)) for term in what.terms)
+    )
+    costs_of = together(tuple(term.cost for term in what.terms), each_its_own=True)
+    for each in (*plant, kind.command, kind.force):
+        compiled(each)
+
+    # Shapes of what lies in slabs; the numbers do not matter.
+    ready = car.prepare(like.numbers.car)
+    road_like = like.numbers.road if what.road.pieces is None else Pieces(*(0.0,) * 6)
+    on_road = car.road_input(0.0, 0.0, ready)
+    memory = kind.State(*(0.0 for _ in kind.State._fields))
+    STATE = PlantState(REST, memory)
+    PHASORS = Phasors(Phasor(0.0, 0.0), Phasor(0.0, 0.0))
+    COMMAND = tuple(0.0 for _ in range(m))
+    COSTS = tuple(0.0 for _ in range(T))
+    ENTRIES, BEFORE, NOMINAL = like.scales, like.term_scales, like
+    CLOCK = Clock(*(0.0,) * len(Clock._fields))
+    FIXED = Fixed(
+        ready,
+        road_like,
+        0.0,
+        0.0,
+        Force(0.0, 0.0),
+        turning_of(on_road, on_road, 0.0, 1.0, 1.0, 1.0),
+        like.numbers.actuator,
+        like.scales,
+        like.terms,
+        like.term_scales,
+        *(0.0,) * 4,
+    )
+    moving = Layout(state=STATE, phasors=PHASORS, before=BEFORE, held=COMMAND)
+    clocks = Layout(clock=CLOCK)
+    fixed_rows = Layout(fixed=FIXED)
+    passed = Layout(
+        command=COMMAND,
+        entries=ENTRIES,
+        forces=COMMAND,
+        costs=COSTS,
+        ends=(0.0, 0.0, 0.0, 0.0),
+        saved=(STATE, PHASORS),
+    )
+    X, W, BEFORE_ROW, HELD = (moving.row(name) for name in moving.trees)
+    C, E, U, COST, END, SAVED = (passed.row(name) for name in passed.trees)
+    MOVES = moving.row("before")  # state and phasors lie first
+    ELAPSED, LAST, DONE, KINK, NEXT = (
+        clocks.find(f"clock.{name}") for name in ("elapsed", "last", "done", "kink", "next")
+    )
+    STAGES, INPUT_SIZE = passed.size, len(flat(on_road))
+    ROAD_INPUT = on_road
+    NONE = real(0.0)
+    NO_TABLE = ()
+    LAST_FORCE = 2 - m  # the force of one actuator is that on the body
+
+    plant_rate, plant_forces = plant.rate, plant.forces
+    command_of, prepare, kick, tyre_load = kind.command, car.prepare, car.kick, car.tyre_load
+    begin_road, amplitudes, phasor_at, next_kink = road[:4]
+    jump_at, after, reading, steps_of = road[4:]
+    sources = source_stamp(
+        compose,
+        prepare,
+        command_of,
+        *(each for each in (what.road.pieces, what.road.height) if each is not None),
+        *(each.reading for each in what.observed),
+        *(term.cost for term in what.terms),
+    )
+
+    # Reading ----------------------------------------------------------------------------------
+
+    @compiled
+    def moment(x: Any, w: Any, command: Any, fixed: Any, y: Any, y_dot: Any, input: Any) -> Any:
+        u1, u2 = plant_forces(x, command, fixed)
+        rate = plant_rate(x, input, command, fixed)
+        F_dot = -fixed.force.f * fixed.force.Omega * w.force.s
+        load_now = tyre_load(x.car, input, fixed.car)
+        return Moment(x.car, rate.car, y, y_dot, input.F, F_dot, u1, u2, load_now)
+
+    @compiled
+    def judge(now: Any, before: Any, fixed: Any) -> Any:
+        """Return the costs, whether the car has left its travel, and what the terms have read."""
+        measured = times(measure(now, fixed), fixed.term_scales)
+        costs = costs_of(measured, before, fixed.terms)
+        inside1 = abs(now.x.x1 * fixed.inverse_A1) <= fixed.travel
+        inside2 = abs(now.x.x2 * fixed.inverse_A2) <= fixed.travel
+        return costs, not (inside1 & inside2), measured
+
+    @compiled
+    def look(x: Any, w: Any, command: Any, fixed: Any, kink: Any, t: Any, table: Any) -> Any:
+        """Return the moment of a car, at a kink on the piece that begins."""
+        while next_kink(kink, fixed.road, fixed.speed, table) <= t:
+            w = after(w, kink, fixed)
+            kink += 1
+        y, y_dot, input = reading(t, kink, w, fixed, table)
+        return moment(x, w, command, fixed, y, y_dot, input)
+
+    @compiled
+    def entry(value: Any) -> Any:
+        return np.float32(min(max(value, -OBSERVATION_LIMIT), OBSERVATION_LIMIT))
+
+    # One car over an interval -----------------------------------------------------------------
+
+    @compiled
+    def part(
+        x: Any, w: Any, size: Any, n: Any, t: Any, kink: Any, c: Any, fixed: Any, table: Any
+    ) -> Any:
+        """Advance a car by `n` steps of another size than the usual one."""
+        usual = fixed.turning
+        prepared = turning_of(
+            usual.road_s, usual.road_c, usual.F, fixed.omega, fixed.force.Omega, size
+        )
+        return steps_of(
+            plant_rate, x, w, prepared, step_fractions(size), n, t, kink, c, fixed, table
+        )
+
+    @compiled_apart
+    def drive(
+        x: Any,
+        w: Any,
+        c: Any,
+        fixed: Any,
+        kink: Any,
+        next: Any,
+        t: Any,
+        dt: Any,
+        n: Any,
+        step: Any,
+        table: Any,
+    ) -> Any:
+        """Advance one car over an interval that may hold kinks of its road."""
+        end = t + dt
+        if next >= end:
+            x, w = steps_of(plant_rate, x, w, fixed.turning, step, n, t, kink, c, fixed, table)
+            return x, w, kink, next
+        while next < end:
+            if next > t:
+                x, w = part(x, w, (next - t) / n, n, t, kink, c, fixed, table)
+                t = next
+            x = PlantState(kick(x.car, jump_at(kink, fixed, table), fixed.car), x.memory)
+            w = after(w, kink, fixed)
+            kink += 1
+            next = next_kink(kink, fixed.road, fixed.speed, table)
+        if end > t:
+            x, w = part(x, w, (end - t) / n, n, t, kink, c, fixed, table)
+        return x, w, kink, next
+
+    # Starts -----------------------------------------------------------------------------------
+
+    @compiled_apart
+    def start_car(
+        z: Any,
+        clock: Any,
+        p: Any,
+        stride: Any,
+        j: Any,
+        q: Any,
+        uniforms: Any,
+        given: Any,
+        nominal: Any,
+        draws: Any,
+        targets: Any,
+        table: Any,
+        step: Any,
+        seen: Any,
+    ) -> None:
+        """Begin an episode, in the state and phase of `given` where these are numbers; show it."""
+        row = nominal.copy()
+        vary(row, uniforms, draws, targets)
+        one = load(row, 0, 1, 0, NOMINAL)
+        numbers, reference = one.numbers, one.reference
+        first = uniforms.shape[0] - MOTION_DRAWS
+        x1, x2, v1, v2 = drawn_motion(uniforms, first, reference)
+        if not math.isnan(given[0]):
+            x1, x2, v1, v2 = given[0], given[1], given[2], given[3]
+        phase = one.endless * CIRCLE * uniforms[first + 5]
+        if not math.isnan(given[4]):
+            phase = given[4]
+        x = PlantState(State(x1, x2, v1, v2), memory)
+        ready = prepare(numbers.car)
+        made, start, omega = begin_road(numbers, phase, one.endless)
+        road_s, road_c = amplitudes(made, ready)
+        force = numbers.force
+        fixed = Fixed(
+            ready,
+            made,
+            numbers.speed,
+            omega,
+            force,
+            turning_of(road_s, road_c, force.f, omega, force.Omega, step),
+            numbers.actuator,
+            one.scales,
+            one.terms,
+            one.term_scales,
+            1.0 / reference.A1,
+            1.0 / reference.A2,
+            reference.travel,
+            reference.penalty,
+        )
+        kink = 0
+        while next_kink(kink, made, numbers.speed, table) <= start:
+            kink += 1
+        next = next_kink(kink, made, numbers.speed, table)
+        w = Phasors(phasor_at(start, kink, made), angle(force.Omega * start))
+        save(p, 0, stride, q, fixed)
+        save(z, X, stride, j, x)
+        save(z, W, stride, j, w)
+        save(clock, 0, stride, j, Clock(0.0, one.steps, 0.0, start, phase, float(kink), next))
+        save(z, HELD, stride, j, COMMAND)
+        now = look(x, w, COMMAND, fixed, kink, start, table)
+        save(z, BEFORE_ROW, stride, j, times(measure(now, fixed), fixed.term_scales))
+        entries = times(read(now, fixed), fixed.scales)
+        for i in range(K):
+            seen[i] = entry(entries[i])
+
+    @kernel(nogil=False)
+    def reset_one(
+        z: Any,
+        clock: Any,
+        p: Any,
+        uniforms: Any,
+        given: Any,
+        nominal: Any,
+        draws: Any,
+        targets: Any,
+        table: Any,
+        step: Any,
+        seen: Any,
+    ) -> None:
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        start_car(z, clock, p, 1, 0, 0, uniforms, given, nominal, draws, targets, table, step, seen)
+
+    @kernel(nogil=False)
+    def step_one(
+        z: Any, clock: Any, p: Any, table: Any, action: Any, dt: Any, n: Any, seen: Any, push: Any
+    ) -> Any:
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        fixed = load(p, 0, 1, 0, FIXED)
+        costs = COSTS
+        if action.shape[0] != m:
+            return WRONG_SHAPE, 0.0, False, False, costs, 0.0
+        if clock[DONE] > 0.0:
+            return OVER, 0.0, False, False, costs, 0.0
+        held = load(z, HELD, 1, 0, COMMAND)
+        first, last = float(action[0]), float(action[m - 1])
+        if not (math.isfinite(first) and math.isfinite(last)):
+            return NOT_FINITE, 0.0, False, False, costs, 0.0
+        given = (first, last)
+        c = command_of(given, fixed.actuator)
+        step = step_fractions(dt / n)
+        time = load(clock, 0, 1, 0, CLOCK)
+        x, w = load(z, X, 1, 0, STATE), load(z, W, 1, 0, PHASORS)
+        t = time.start + time.elapsed * dt
+        x, w, kink, next = drive(x, w, c, fixed, int(time.kink), time.next, t, dt, n, step, table)
+        elapsed = time.elapsed + 1.0
+        now = look(x, w, c, fixed, kink, time.start + elapsed * dt, table)
+        costs, out, measured = judge(now, load(z, BEFORE_ROW, 1, 0, BEFORE), fixed)
+        late = elapsed >= time.last and not out
+        penalty = -fixed.penalty if out else 0.0
+        done = 1.0 if out or late else 0.0
+        save(z, X, 1, 0, x)
+        save(z, W, 1, 0, w)
+        save(z, BEFORE_ROW, 1, 0, measured)
+        save(
+            clock,
+            0,
+            1,
+            0,
+            Clock(elapsed, time.last, done, time.start, time.phase, float(kink), next),
+        )
+        z[HELD] = min(max(first, -1.0), 1.0)
+        z[HELD + m - 1] = min(max(last, -1.0), 1.0)
+        entries = times(read(now, fixed), fixed.scales)
+        for i in range(K):
+            seen[i] = entry(entries[i])
+        forces = (now.u1, now.u2)
+        for i in range(m):
+            push[i] = forces[LAST_FORCE + i]
+        return FINE, negative_sum(costs) + penalty, out, late, costs, penalty
+
+    # Blocks of cars ---------------------------------------------------------------------------
+
+    @compiled
+    def draw(streams: Any, i: Any, uniforms: Any) -> None:
+        for k in range(uniforms.shape[0]):
+            uniforms[k] = uniform(streams, i)
+
+    @compiled
+    def quiet_of(clock: Any, j: Any, dt: Any) -> Any:
+        """Return how many control intervals will pass before a car can meet a kink."""
+        time = load(clock, 0, LANES, j, CLOCK)
+        ahead = (time.next - (time.start + time.elapsed * dt)) / dt
+        return max(0, int(ahead) - 2) if ahead < 1e12 else NEVER
+
+    @compiled_apart
+    def quiet_intervals(clock: Any, lanes: Any, dt: Any) -> Any:
+        least = NEVER
+        for j in range(lanes):
+            least = min(least, quiet_of(clock, j, dt))
+        return least
+
+    @compiled_apart
+    def begin_again(
+        memory: Any, nominals: Any, block: Any, j: Any, given: Any, step: Any, seen: Any
+    ) -> None:
+        """Begin an episode of car `j` of a block."""
+        i = block * LANES + j
+        k = memory.chosen[i]
+        uniforms = np.empty(nominals.counts[k])
+        draw(memory.streams, i, uniforms)
+        start_car(
+            memory.moving[block],
+            memory.clocks[block],
+            memory.fixed[memory.which[block]],
+            LANES,
+            j,
+            j,
+            uniforms,
+            given,
+            nominals.rows[k],
+            nominals.draws[k],
+            nominals.targets[nominals.first_target[k] : nominals.first_target[k + 1]],
+            nominals.tables[nominals.first_entry[k] : nominals.first_entry[k + 1]],
+            step,
+            seen,
+        )
+
+    @compiled
+    def table_of(memory: Any, nominals: Any, i: Any) -> Any:
+        k = memory.chosen[i]
+        return nominals.tables[nominals.first_entry[k] : nominals.first_entry[k + 1]]
+
+    @kernel
+    def reset(
+        memory: Any, nominals: Any, mask: Any, given: Any, dt: Any, n: Any, seen: Any
+    ) -> None:
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        step = dt / n
+        for i in range(mask.shape[0]):
+            block, j = i // LANES, i % LANES
+            if mask[i]:
+                begin_again(memory, nominals, block, j, given[i], step, seen[i])
+                continue
+            z, clock, p = (
+                memory.moving[block],
+                memory.clocks[block],
+                memory.fixed[memory.which[block]],
+            )
+            fixed = load_wide(p, 0, LANES, j, FIXED)
+            time = load(clock, 0, LANES, j, CLOCK)
+            now = look(
+                load_wide(z, X, LANES, j, STATE),
+                load_wide(z, W, LANES, j, PHASORS),
+                load_wide(z, HELD, LANES, j, COMMAND),
+                fixed,
+                int(time.kink),
+                time.start + time.elapsed * dt,
+                table_of(memory, nominals, i),
+            )
+            entries = times(read(now, fixed), fixed.scales)
+            for k in range(K):
+                seen[i, k] = entry(entries[k])
+        for block in range(memory.moving.shape[0]):
+            lanes = min(LANES, mask.shape[0] - block * LANES)
+            memory.quiet[block] = quiet_intervals(memory.clocks[block], lanes, dt)
+
+    @compiled
+    def reseed(z: Any, clock: Any, p: Any, lanes: Any, dt: Any) -> None:
+        """Set the phasors of the force and of endless roads to their exact values."""
+        for j in range(lanes):
+            fixed = load_wide(p, 0, LANES, j, FIXED)
+            time = load(clock, 0, LANES, j, CLOCK)
+            t = time.start + time.elapsed * dt
+            w = load_wide(z, W, LANES, j, PHASORS)
+            road = (
+                phasor_at(t, 0, fixed.road)
+                if time.next == math.inf and time.kink == 0.0
+                else w.road
+            )
+            save(z, W, LANES, j, Phasors(road, angle(fixed.force.Omega * t)))
+
+    if what.road.pieces is None:
+
+        @compiled
+        def advance_block(
+            z: Any,
+            clock: Any,
+            p: Any,
+            s: Any,
+            lanes: Any,
+            n: Any,
+            step: Any,
+            dt: Any,
+            memory: Any,
+            nominals: Any,
+            base: Any,
+        ) -> None:
+            """Advance all cars of a block over an interval without a kink."""
+            for j in range(lanes):
+                fixed = load_wide(p, 0, LANES, j, FIXED)
+                time = load(clock, 0, LANES, j, CLOCK)
+                t, kink = time.start + time.elapsed * dt, int(time.kink)
+                table = table_of(memory, nominals, base + j)
+                w = load_wide(z, W, LANES, j, PHASORS)
+                size = dt / n
+                for k in range(n):
+                    for half in range(2):
+                        at = t + (k + 0.5 * half) * size
+                        _, _, input = reading(at, kink, w, fixed, table)
+                        save(s, STAGES + (2 * k + half) * INPUT_SIZE, LANES, j, input.road)
+                _, _, input = reading(t + n * size, kink, w, fixed, table)
+                save(s, STAGES + 2 * n * INPUT_SIZE, LANES, j, input.road)
+            for k in range(n):
+                row = STAGES + 2 * k * INPUT_SIZE
+                for j in range(lanes):
+                    fixed = load(p, 0, LANES, j, FIXED)
+                    w = load(z, W, LANES, j, PHASORS)
+                    x, w = given_step(
+                        plant_rate,
+                        load(z, X, LANES, j, STATE),
+                        w,
+                        fixed.turning,
+                        step,
+                        load(s, row, LANES, j, ROAD_INPUT),
+                        load(s, row + INPUT_SIZE, LANES, j, ROAD_INPUT),
+                        load(s, row + 2 * INPUT_SIZE, LANES, j, ROAD_INPUT),
+                        load(s, C, LANES, j, COMMAND),
+                        fixed,
+                    )
+                    save(z, X, LANES, j, x)
+                    save(z, W, LANES, j, w)
+
+    else:
+
+        @compiled
+        def advance_block(
+            z: Any,
+            clock: Any,
+            p: Any,
+            s: Any,
+            lanes: Any,
+            n: Any,
+            step: Any,
+            dt: Any,
+            memory: Any,
+            nominals: Any,
+            base: Any,
+        ) -> None:
+            """Advance all cars of a block over an interval without a kink."""
+            for _ in range(n // 4):
+                for j in range(lanes):
+                    fixed = load(p, 0, LANES, j, FIXED)
+                    x, w = four_turning_steps(
+                        plant_rate,
+                        load(z, X, LANES, j, STATE),
+                        load(z, W, LANES, j, PHASORS),
+                        fixed.turning,
+                        step,
+                        load(s, C, LANES, j, COMMAND),
+                        fixed,
+                    )
+                    save(z, X, LANES, j, x)
+                    save(z, W, LANES, j, w)
+            for _ in range(n % 4):
+                for j in range(lanes):
+                    fixed = load(p, 0, LANES, j, FIXED)
+                    x, w = turning_step(
+                        plant_rate,
+                        load(z, X, LANES, j, STATE),
+                        load(z, W, LANES, j, PHASORS),
+                        fixed.turning,
+                        step,
+                        load(s, C, LANES, j, COMMAND),
+                        fixed,
+                    )
+                    save(z, X, LANES, j, x)
+                    save(z, W, LANES, j, w)
+
+    @compiled
+    def noted(now: Any, s: Any, z: Any, clock: Any, j: Any, fixed: Any) -> None:
+        """Pass on what has been read of one car."""
+        costs, out, measured = judge(now, load(z, BEFORE_ROW, LANES, j, BEFORE), fixed)
+        save(s, COST, LANES, j, costs)
+        save(s, E, LANES, j, bounded(times(read(now, fixed), fixed.scales), OBSERVATION_LIMIT))
+        late = (clock[ELAPSED * LANES + j] >= clock[LAST * LANES + j]) & (not out)
+        penalty = -fixed.penalty * out
+        save(s, END, LANES, j, (out, late, penalty, negative_sum(costs) + penalty))
+        save(z, BEFORE_ROW, LANES, j, measured)
+        forces = (now.u1, now.u2)
+        for i in range(m):
+            s[(U + i) * LANES + j] = forces[LAST_FORCE + i]
+
+    @compiled_apart
+    def inspect_one(z: Any, clock: Any, p: Any, s: Any, j: Any, dt: Any, table: Any) -> None:
+        """Read one car by itself."""
+        fixed = load_wide(p, 0, LANES, j, FIXED)
+        time = load(clock, 0, LANES, j, CLOCK)
+        now = look(
+            load_wide(z, X, LANES, j, STATE),
+            load_wide(z, W, LANES, j, PHASORS),
+            load_wide(s, C, LANES, j, COMMAND),
+            fixed,
+            int(time.kink),
+            time.start + time.elapsed * dt,
+            table,
+        )
+        noted(now, s, z, clock, j, fixed)
+
+    if what.road.pieces is None:
+
+        @compiled
+        def inspect(
+            z: Any,
+            clock: Any,
+            p: Any,
+            s: Any,
+            lanes: Any,
+            dt: Any,
+            memory: Any,
+            nominals: Any,
+            base: Any,
+        ) -> None:
+            """Read all cars of a block."""
+            for j in range(lanes):
+                inspect_one(z, clock, p, s, j, dt, table_of(memory, nominals, base + j))
+
+    else:
+
+        @compiled
+        def inspect(
+            z: Any,
+            clock: Any,
+            p: Any,
+            s: Any,
+            lanes: Any,
+            dt: Any,
+            memory: Any,
+            nominals: Any,
+            base: Any,
+        ) -> None:
+            """Read all cars of a block."""
+            for j in range(lanes):
+                fixed = load(p, 0, LANES, j, FIXED)
+                w = load(z, W, LANES, j, PHASORS)
+                y, y_dot, input = reading(NONE, 0, w, fixed, NO_TABLE)
+                x, c = load(z, X, LANES, j, STATE), load(s, C, LANES, j, COMMAND)
+                noted(moment(x, w, c, fixed, y, y_dot, input), s, z, clock, j, fixed)
+
+    @kernel
+    def step(
+        memory: Any,
+        nominals: Any,
+        worker: Any,
+        first_block: Any,
+        end_block: Any,
+        actions: Any,
+        mode: Any,
+        dt: Any,
+        n: Any,
+        fractions: Any,
+        out: Any,
+    ) -> Any:
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        cars = actions.shape[0]
+        s = memory.scratch[worker]
+        finished, begun = 0, 0
+        for block in range(first_block, end_block):
+            z, clock, p = (
+                memory.moving[block],
+                memory.clocks[block],
+                memory.fixed[memory.which[block]],
+            )
+            base = block * LANES
+            lanes = min(LANES, cars - base)
+            for j in range(lanes):
+                fixed = load(p, 0, LANES, j, FIXED)
+                given = (real(actions[base + j, 0]), real(actions[base + j, m - 1]))
+                c = command_of(given, fixed.actuator)
+                save(s, C, LANES, j, c)
+            crossing = False
+            if memory.quiet[block] > 0:
+                memory.quiet[block] -= 1
+            else:
+                for j in range(lanes):
+                    time = load(clock, 0, LANES, j, CLOCK)
+                    crossing |= time.next <= time.start + time.elapsed * dt + dt
+                if crossing:
+                    for i in range(MOVES * LANES):
+                        s[SAVED * LANES + i] = z[i]
+                else:
+                    memory.quiet[block] = quiet_intervals(clock, lanes, dt)
+            if single and int(clock[ELAPSED * LANES]) % RESEED == 0:
+                reseed(z, clock, p, lanes, dt)
+            advance_block(z, clock, p, s, lanes, n, fractions, dt, memory, nominals, base)
+            if crossing:
+                for j in range(lanes):
+                    time = load(clock, 0, LANES, j, CLOCK)
+                    t = time.start + time.elapsed * dt
+                    if time.next < t + dt:
+                        fixed = load_wide(p, 0, LANES, j, FIXED)
+                        x, w, kink, next = drive(
+                            load_wide(s, SAVED, LANES, j, STATE),
+                            load_wide(s, SAVED + W, LANES, j, PHASORS),
+                            load_wide(s, C, LANES, j, COMMAND),
+                            fixed,
+                            int(time.kink),
+                            time.next,
+                            t,
+                            dt,
+                            n,
+                            step_fractions(dt / n),
+                            table_of(memory, nominals, base + j),
+                        )
+                        save(z, X, LANES, j, x)
+                        save(z, W, LANES, j, w)
+                        clock[KINK * LANES + j] = kink
+                        clock[NEXT * LANES + j] = next
+            for j in range(lanes):
+                clock[ELAPSED * LANES + j] += 1.0
+            inspect(z, clock, p, s, lanes, dt, memory, nominals, base)
+            if crossing:
+                for j in range(lanes):
+                    time = load(clock, 0, LANES, j, CLOCK)
+                    t = time.start + time.elapsed * dt
+                    if time.next <= t:
+                        inspect_one(z, clock, p, s, j, dt, table_of(memory, nominals, base + j))
+            over = 0.0
+            for j in range(lanes):
+                over += clock[DONE * LANES + j] + s[END * LANES + j] + s[(END + 1) * LANES + j]
+            for i in range(m):
+                for j in range(lanes):
+                    out.force[base + j, i] = s[(U + i) * LANES + j]
+            for i in range(T):
+                for j in range(lanes):
+                    out.terms[i, base + j] = -s[(COST + i) * LANES + j]
+            for j in range(lanes):
+                out.terms[T, base + j] = s[(END + 2) * LANES + j]
+            for j in range(lanes):
+                out.reward[base + j] = s[(END + 3) * LANES + j]
+            for j in range(lanes):
+                out.terminated[base + j] = s[END * LANES + j] > NONE
+            for j in range(lanes):
+                out.truncated[base + j] = s[(END + 1) * LANES + j] > NONE
+            for j in range(lanes):
+                for k in range(K):
+                    out.seen[base + j, k] = np.float32(s[(E + k) * LANES + j])
+            if over == 0.0:
+                continue
+            for j in range(lanes):
+                i = base + j
+                again = clock[DONE * LANES + j] > 0.0
+                ended = (out.terminated[i] or out.truncated[i]) and not again
+                if ended:
+                    finished += 1
+                    clock[DONE * LANES + j] = 1.0
+                if again:
+                    out.force[i] = 0.0
+                    out.reward[i] = 0.0
+                    out.terms[:, i] = 0.0
+                    out.terminated[i] = False
+                    out.truncated[i] = False
+                elif ended and mode == SAME_STEP:
+                    memory.finals[i] = out.seen[i]
+                else:
+                    continue
+                if mode == DISABLED:
+                    continue
+                begun += 1
+                memory.restarted[i] = True
+                begin_again(memory, nominals, block, j, NOTHING_GIVEN, dt / n, out.seen[i])
+                memory.quiet[block] = min(memory.quiet[block], quiet_of(clock, j, dt))
+        return finished, begun
+
+    return Kernels(
+        moving, clocks, fixed_rows, passed.size, INPUT_SIZE, step, reset, step_one, reset_one
+    )
