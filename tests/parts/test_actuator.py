@@ -63,6 +63,14 @@ def test_limits_of_force_rate_and_power_hold(
     assert F * memory >= 0.0
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_power_is_limited_in_and_out(sign: float):
+    """2 kW at 4 m/s leave 500 N of 1500 N, whichever way it moves; at 1 m/s all of them."""
+    assert forces(EM, 1500.0, (0.0,), 4.0 * sign) == (-500.0, 500.0)
+    assert forces(EM, 1500.0, (0.0,), 1.0 * sign) == (-1500.0, 1500.0)
+    assert forces(EM, 1500.0, (0.0,), 0.0 * sign) == (-1500.0, 1500.0)
+
+
 @given(memory=MEMORY, action=ACTION, travel_rate=RATE)
 def test_limits_that_are_not_given_change_nothing(memory: float, action: float, travel_rate: float):
     part = LaggedSuspensionActuator(limit=2e3, lag=0.01)

@@ -25,6 +25,12 @@ def test_a_jump_of_the_road_is_the_limit_of_a_steep_ramp(part: LinearTyre, jump:
         assert tyre.kick(jump, tyre.numbers) == pytest.approx(found, abs=1e-5 + 2e-9 * part.k)
 
 
+def test_a_road_that_drops_away_pulls_at_no_tyre_that_can_lift_off():
+    for tyre, expected in ((LinearTyre(k=2e5, c=100.0), -5.0), (LiftOffTyre(k=2e5, c=100.0), 0.0)):
+        assert tyre.kick(-0.05, tyre.numbers) == expected
+        assert tyre.kick(0.05, tyre.numbers) == 5.0
+
+
 def test_a_tyre_without_stiffness_is_refused():
     with pytest.raises(ValueError, match="tyre stiffness k must be positive, got 0 N/m; give"):
         LinearTyre(k=0.0)
