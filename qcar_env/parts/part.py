@@ -122,6 +122,11 @@ def most(a: Any, b: Any) -> Any:
     return a * (a >= b) + b * (b > a)
 
 
+def positive_part(value: Any) -> Any:
+    """Return a finite number where it is above zero, else zero."""
+    return value * (value > 0.0)
+
+
 def clamp(value: Any, low: Any, high: Any) -> Any:
     """Return `value` held within ``[low, high]``; all three are finite."""
     inside = (value >= low) * (value <= high)
