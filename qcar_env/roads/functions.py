@@ -65,6 +65,9 @@ class FunctionRoad(Road):
     def __post_init__(self) -> None:
         """Check the kinks, compile the functions, and take them."""
         super().__post_init__()
+        for name, given in (("profile", self.profile), ("gradient", self.gradient)):
+            if not callable(given) and (name == "profile" or given is not None):
+                raise ValueError(f"{name} must be a function of s, got {shown(given)}; give one")
         kinks = tuple(finite("kinks_at", each, "m") for each in self.kinks_at)
         for before, after in itertools.pairwise(kinks):
             if after - before < LEAST_PIECE:
@@ -141,8 +144,6 @@ def _compilable(name: str, function: Profile) -> Profile:
     import numba  # slow to import
     from numba.core.errors import NumbaError
 
-    if not callable(function):
-        raise ValueError(f"{name} must be a function of s, got {shown(function)}; give a function")
     plain: Any = getattr(function, "py_func", function)  # of one decorated with numba.njit
     try:
         compiled: Any = numba.njit(plain)

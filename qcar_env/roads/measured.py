@@ -2,7 +2,7 @@
 
 Between kinks the heights are joined by a cubic spline with a continuous second derivative. A spline
 and not the monotone PCHIP, which cuts off the tops of sampled waves (of a sine with eight samples
-a wave about 1 %, the spline 0.1 %) and whose curvature jumps at each sample. The price: a spline
+a wave up to 8 %, the spline 0.1 %) and whose curvature jumps at each sample. The price: a spline
 swings where the road really has a corner; state the kink there.
 """
 

@@ -36,6 +36,7 @@ from qcar_env.parts.part import Part, number
 from qcar_env.validation import finite, finite_array
 
 NEAREST = 1e-9  # [m] chosen here: kinks as near as that are one
+MOST_KINKS = 4_000_000  # chosen here: a road with more goes on for ever
 ROUNDING = 1e-12  # [m] chosen here: a smaller jump of the height is that of rounding
 
 
@@ -85,9 +86,15 @@ class Road(Part):
 
     @cached_property
     def length(self) -> float:
-        """Where the last kink is [m]: the road is flat from there. Infinite without kinks."""
-        ends = self._kinks_until(math.inf)
-        return ends[-1] if ends else math.inf
+        """Where the last kink is [m]; infinite where there is none, or no last one."""
+        p, table, kink = self.numbers, self._entries, type(self).kink
+        last = math.inf
+        for piece in range(MOST_KINKS):
+            end = kink(piece, p, table)
+            if end == math.inf:
+                return last
+            last = end
+        return math.inf
 
     def heights(self, s: ArrayLike) -> NDArray[np.float64]:
         """Return the heights [m] at distances `s` [m] of any shape; at a kink those after it."""
@@ -117,10 +124,10 @@ class Road(Part):
         return [(s, jump(piece, p, table)) for piece, s in found if s0 < s < s1]
 
     def _kinks_until(self, s: float) -> list[float]:
-        """Return the finite kinks up to and including `s`."""
+        """Return the kinks up to and including `s`, which is finite or minus infinity."""
         p, table, kink = self.numbers, self._entries, type(self).kink
         ends = (kink(piece, p, table) for piece in itertools.count())
-        return list(itertools.takewhile(lambda end: end <= s and end < math.inf, ends))
+        return list(itertools.takewhile(lambda end: end <= s, ends))
 
     def _at(self, function: Callable[..., float], s: ArrayLike) -> NDArray[np.float64]:
         distances = finite_array("distance s", s, "m")

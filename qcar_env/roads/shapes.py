@@ -1,6 +1,6 @@
 """Sine, humps, bars and steps; x = s - start is the distance since a shape's beginning.
 
-Dimensions of built humps: UK LTN 1/07 (round top 3.7 m, 50 to 100 mm), IRC:99-1988 (circular arc,
+Dimensions of built humps: UK LTN 1/07 (round top, 50 to 100 mm; 3.7 m recalled), IRC:99-1988 (arc of
 3.7 m, 100 mm), CONTRAN 600/2016 (1.5 m, 60 to 80 mm and 3.7 m, 80 to 100 mm), the Belgian royal
 decrees of 1998 and 2002 (4.8 m, 120 mm, sinusoidal; flat tops with ramps of 10 to 14 %).
 """
@@ -376,7 +376,7 @@ class FlatTop(RampedTop):
 
     Notes
     -----
-    UK practice: h 75 mm, ramps 1:10 to 1:15, plateau of 7 m or more (LTN 1/07).
+    UK practice: h 75 mm, ramps 1:10 to 1:15; in Leicestershire 1:13 and a plateau of 7 m or more.
     """
 
     @classmethod
@@ -441,7 +441,7 @@ class SmoothFlatTop(RampedTop):
 
     Notes
     -----
-    Belgian decree of 2002: ramps of 0.85, 1.2 and 1.9 m for 100, 120 and 150 mm.
+    Belgian decrees of 1998 and 2002: ramps of 0.85, 1.2 and 1.9 m for 100, 120 and 150 mm.
     """
 
     @staticmethod
