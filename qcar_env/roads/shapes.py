@@ -1,7 +1,7 @@
 """Sine, humps, bars and steps; x = s - start is the distance since a shape's beginning.
 
-Dimensions of built humps: UK LTN 1/07 (round top, 50 to 100 mm; 3.7 m recalled), IRC:99-1988 (arc of
-3.7 m, 100 mm), CONTRAN 600/2016 (1.5 m, 60 to 80 mm and 3.7 m, 80 to 100 mm), the Belgian royal
+Dimensions of built humps: UK LTN 1/07 (round top, 50 to 100 mm; 3.7 m recalled), IRC:99-1988 (arc
+of 3.7 m, 100 mm), CONTRAN 600/2016 (1.5 m, 60 to 80 mm and 3.7 m, 80 to 100 mm), the Belgian royal
 decrees of 1998 and 2002 (4.8 m, 120 mm, sinusoidal; flat tops with ramps of 10 to 14 %).
 """
 

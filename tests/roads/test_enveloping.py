@@ -54,7 +54,7 @@ def test_the_mean_keeps_the_area():
     hump = HalfSine.of_length(h=0.1, L=1.0)
     road = moving_average(hump, contact=0.25)
     s = np.linspace(-0.5, 1.5, 20_001)
-    assert np.trapezoid(road.heights(s), s) == pytest.approx(0.2 / math.pi, abs=1e-8)
+    assert road.heights(s).sum() * 1e-4 == pytest.approx(0.2 / math.pi, abs=1e-8)
 
 
 @given(slope=st.floats(-0.2, 0.2))
