@@ -53,18 +53,17 @@ from qcar_env.physics.motion2 import (
     turning_step,
 )
 from qcar_env.physics.plant import PlantState, plant_functions
-from qcar_env.physics.rk4 import step_fractions
+from qcar_env.physics.rk4 import Step, step_fractions
 from qcar_env.physics.signals import Moment, Signal
 from qcar_env.physics.state import State
 from qcar_env.physics.tree import bounded, flat, times
 
-DISABLED, NEXT_STEP, SAME_STEP = range(3)  # what becomes of a car whose episode is over
 NEVER = 2**62  # [intervals] a kink that does not come
 RESEED = 64  # [intervals] after which phasors in single precision are computed anew
 OBSERVATION_LIMIT = 10.0  # [-] bound of every entry; travel ends an episode long before
 
-FINE, NOT_FINITE, OVER, WRONG_SHAPE = 0, -1, -2, -3  # codes of a step
-NOTHING_GIVEN = (math.nan,) * 5
+FINE, OVER, NOT_FINITE, WRONG_SHAPE = 0, 1, -1, -2  # codes of a step
+HIGHEST = np.finfo(np.float32).max  # an action beyond is not a finite number
 
 for _each in (four_turning_steps, given_step):
     compiled(_each)
@@ -106,7 +105,9 @@ class Kernels:
     scratch: int  # rows that are passed on within an interval, without `stages`
     stages: int  # and for each stage time of a road that is read
     step: Any
-    reset: Any
+    begin: Any
+    show: Any
+    ending: Any
     step_one: Any
     reset_one: Any
 
@@ -180,7 +181,6 @@ def compose(what: Composition, single: bool) -> Kernels:
     ROAD_INPUT = on_road
     NONE = real(0.0)
     NO_TABLE = ()
-    LAST_FORCE = 2 - m  # the force of one actuator is that on the body
 
     plant_rate, plant_forces = plant.rate, plant.forces
     command_of, prepare, kick, tyre_load = kind.command, car.prepare, car.kick, car.tyre_load
@@ -194,6 +194,22 @@ def compose(what: Composition, single: bool) -> Kernels:
         *(each.reading for each in what.observed),
         *(term.cost for term in what.terms),
     )
+
+    if m == 2:
+
+        @compiled
+        def forces_of(now: Any) -> Any:
+            return now.u1, now.u2
+
+    else:  # the force of one actuator is that on the body
+
+        @compiled
+        def forces_of(now: Any) -> Any:
+            return (now.u2,)
+
+    @compiled
+    def typed(step: Any) -> Any:
+        return Step(real(step.full), real(step.half), real(step.third), real(step.sixth))
 
     # Reading ----------------------------------------------------------------------------------
 
@@ -282,7 +298,6 @@ def compose(what: Composition, single: bool) -> Kernels:
         p: Any,
         stride: Any,
         j: Any,
-        q: Any,
         uniforms: Any,
         given: Any,
         nominal: Any,
@@ -330,7 +345,7 @@ def compose(what: Composition, single: bool) -> Kernels:
             kink += 1
         next = next_kink(kink, made, numbers.speed, table)
         w = Phasors(phasor_at(start, kink, made), angle(force.Omega * start))
-        save(p, 0, stride, q, fixed)
+        save(p, 0, stride, j, fixed)
         save(z, X, stride, j, x)
         save(z, W, stride, j, w)
         save(clock, 0, stride, j, Clock(0.0, one.steps, 0.0, start, phase, float(kink), next))
@@ -356,7 +371,7 @@ def compose(what: Composition, single: bool) -> Kernels:
         seen: Any,
     ) -> None:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        start_car(z, clock, p, 1, 0, 0, uniforms, given, nominal, draws, targets, table, step, seen)
+        start_car(z, clock, p, 1, 0, uniforms, given, nominal, draws, targets, table, step, seen)
 
     @kernel(nogil=False)
     def step_one(
@@ -369,9 +384,8 @@ def compose(what: Composition, single: bool) -> Kernels:
             return WRONG_SHAPE, 0.0, False, False, costs, 0.0
         if clock[DONE] > 0.0:
             return OVER, 0.0, False, False, costs, 0.0
-        held = load(z, HELD, 1, 0, COMMAND)
         first, last = float(action[0]), float(action[m - 1])
-        if not (math.isfinite(first) and math.isfinite(last)):
+        if not (abs(first) <= HIGHEST and abs(last) <= HIGHEST):
             return NOT_FINITE, 0.0, False, False, costs, 0.0
         given = (first, last)
         c = command_of(given, fixed.actuator)
@@ -401,17 +415,17 @@ def compose(what: Composition, single: bool) -> Kernels:
         entries = times(read(now, fixed), fixed.scales)
         for i in range(K):
             seen[i] = entry(entries[i])
-        forces = (now.u1, now.u2)
+        forces = forces_of(now)
         for i in range(m):
-            push[i] = forces[LAST_FORCE + i]
+            push[i] = forces[i]
         return FINE, negative_sum(costs) + penalty, out, late, costs, penalty
 
     # Blocks of cars ---------------------------------------------------------------------------
+    # Where a road needs a table, that of a car lies in `tables` between its two of `bounds`.
 
     @compiled
-    def draw(streams: Any, i: Any, uniforms: Any) -> None:
-        for k in range(uniforms.shape[0]):
-            uniforms[k] = uniform(streams, i)
+    def table_of(tables: Any, bounds: Any, i: Any) -> Any:
+        return tables[bounds[i, 0] : bounds[i, 1]]
 
     @compiled
     def quiet_of(clock: Any, j: Any, dt: Any) -> Any:
@@ -427,55 +441,70 @@ def compose(what: Composition, single: bool) -> Kernels:
             least = min(least, quiet_of(clock, j, dt))
         return least
 
-    @compiled_apart
-    def begin_again(
-        memory: Any, nominals: Any, block: Any, j: Any, given: Any, step: Any, seen: Any
+    @kernel
+    def begin(
+        slabs: Any,
+        clocks: Any,
+        fixed_slabs: Any,
+        blocks: Any,
+        tables: Any,
+        bounds: Any,
+        streams: Any,
+        chosen: Any,
+        nominals: Any,
+        draws: Any,
+        targets: Any,
+        counts: Any,
+        which: Any,
+        given: Any,
+        dt: Any,
+        n: Any,
+        seen: Any,
     ) -> None:
-        """Begin an episode of car `j` of a block."""
-        i = block * LANES + j
-        k = memory.chosen[i]
-        uniforms = np.empty(nominals.counts[k])
-        draw(memory.streams, i, uniforms)
-        start_car(
-            memory.moving[block],
-            memory.clocks[block],
-            memory.fixed[memory.which[block]],
-            LANES,
-            j,
-            j,
-            uniforms,
-            given,
-            nominals.rows[k],
-            nominals.draws[k],
-            nominals.targets[nominals.first_target[k] : nominals.first_target[k + 1]],
-            nominals.tables[nominals.first_entry[k] : nominals.first_entry[k + 1]],
-            step,
-            seen,
-        )
-
-    @compiled
-    def table_of(memory: Any, nominals: Any, i: Any) -> Any:
-        k = memory.chosen[i]
-        return nominals.tables[nominals.first_entry[k] : nominals.first_entry[k + 1]]
+        """Begin episodes of the cars in `which`; `given` has a row for each, or one for all."""
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        for row in range(which.shape[0]):
+            i = which[row]
+            block, j, k = i // LANES, i % LANES, chosen[i]
+            uniforms = np.empty(counts[k, 0])
+            for each in range(uniforms.shape[0]):
+                uniforms[each] = uniform(streams, i)
+            clock = clocks[block]
+            start_car(
+                slabs[block],
+                clock,
+                fixed_slabs[blocks[block, 0]],
+                LANES,
+                j,
+                uniforms,
+                given[min(row, given.shape[0] - 1)],
+                nominals[k],
+                draws[k],
+                targets[counts[k, 1] : counts[k, 2]],
+                table_of(tables, bounds, i),
+                dt / n,
+                seen[i],
+            )
+            blocks[block, 1] = min(blocks[block, 1], quiet_of(clock, j, dt))
 
     @kernel
-    def reset(
-        memory: Any, nominals: Any, mask: Any, given: Any, dt: Any, n: Any, seen: Any
+    def show(
+        slabs: Any,
+        clocks: Any,
+        fixed_slabs: Any,
+        blocks: Any,
+        tables: Any,
+        bounds: Any,
+        dt: Any,
+        seen: Any,
     ) -> None:
+        """Write the observations of all cars."""
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        step = dt / n
-        for i in range(mask.shape[0]):
+        for i in range(seen.shape[0]):
             block, j = i // LANES, i % LANES
-            if mask[i]:
-                begin_again(memory, nominals, block, j, given[i], step, seen[i])
-                continue
-            z, clock, p = (
-                memory.moving[block],
-                memory.clocks[block],
-                memory.fixed[memory.which[block]],
-            )
-            fixed = load_wide(p, 0, LANES, j, FIXED)
-            time = load(clock, 0, LANES, j, CLOCK)
+            z = slabs[block]
+            fixed = load_wide(fixed_slabs[blocks[block, 0]], 0, LANES, j, FIXED)
+            time = load(clocks[block], 0, LANES, j, CLOCK)
             now = look(
                 load_wide(z, X, LANES, j, STATE),
                 load_wide(z, W, LANES, j, PHASORS),
@@ -483,14 +512,11 @@ def compose(what: Composition, single: bool) -> Kernels:
                 fixed,
                 int(time.kink),
                 time.start + time.elapsed * dt,
-                table_of(memory, nominals, i),
+                table_of(tables, bounds, i),
             )
             entries = times(read(now, fixed), fixed.scales)
             for k in range(K):
                 seen[i, k] = entry(entries[k])
-        for block in range(memory.moving.shape[0]):
-            lanes = min(LANES, mask.shape[0] - block * LANES)
-            memory.quiet[block] = quiet_intervals(memory.clocks[block], lanes, dt)
 
     @compiled
     def reseed(z: Any, clock: Any, p: Any, lanes: Any, dt: Any) -> None:
@@ -500,12 +526,37 @@ def compose(what: Composition, single: bool) -> Kernels:
             time = load(clock, 0, LANES, j, CLOCK)
             t = time.start + time.elapsed * dt
             w = load_wide(z, W, LANES, j, PHASORS)
-            road = (
-                phasor_at(t, 0, fixed.road)
-                if time.next == math.inf and time.kink == 0.0
-                else w.road
-            )
+            endless = time.next == math.inf and time.kink == 0.0
+            road = phasor_at(t, 0, fixed.road) if endless else w.road
             save(z, W, LANES, j, Phasors(road, angle(fixed.force.Omega * t)))
+
+    @compiled
+    def noted(now: Any, s: Any, z: Any, clock: Any, j: Any, fixed: Any) -> None:
+        """Pass on what has been read of one car."""
+        costs, out, measured = judge(now, load(z, BEFORE_ROW, LANES, j, BEFORE), fixed)
+        save(s, COST, LANES, j, costs)
+        save(s, E, LANES, j, bounded(times(read(now, fixed), fixed.scales), OBSERVATION_LIMIT))
+        save(s, U, LANES, j, forces_of(now))
+        late = (clock[ELAPSED * LANES + j] >= clock[LAST * LANES + j]) & (not out)
+        penalty = -fixed.penalty * out
+        save(s, END, LANES, j, (out, late, penalty, negative_sum(costs) + penalty))
+        save(z, BEFORE_ROW, LANES, j, measured)
+
+    @compiled_apart
+    def inspect_one(z: Any, clock: Any, p: Any, s: Any, j: Any, dt: Any, table: Any) -> None:
+        """Read one car by itself."""
+        fixed = load_wide(p, 0, LANES, j, FIXED)
+        time = load(clock, 0, LANES, j, CLOCK)
+        now = look(
+            load_wide(z, X, LANES, j, STATE),
+            load_wide(z, W, LANES, j, PHASORS),
+            load_wide(s, C, LANES, j, COMMAND),
+            fixed,
+            int(time.kink),
+            time.start + time.elapsed * dt,
+            table,
+        )
+        noted(now, s, z, clock, j, fixed)
 
     if what.road.pieces is None:
 
@@ -517,36 +568,30 @@ def compose(what: Composition, single: bool) -> Kernels:
             s: Any,
             lanes: Any,
             n: Any,
-            step: Any,
             dt: Any,
-            memory: Any,
-            nominals: Any,
-            base: Any,
+            tables: Any,
+            bounds: Any,
         ) -> None:
             """Advance all cars of a block over an interval without a kink."""
+            step = typed(step_fractions(dt / n))
+            size = dt / n
             for j in range(lanes):
                 fixed = load_wide(p, 0, LANES, j, FIXED)
                 time = load(clock, 0, LANES, j, CLOCK)
                 t, kink = time.start + time.elapsed * dt, int(time.kink)
-                table = table_of(memory, nominals, base + j)
+                table = table_of(tables, bounds, j)
                 w = load_wide(z, W, LANES, j, PHASORS)
-                size = dt / n
-                for k in range(n):
-                    for half in range(2):
-                        at = t + (k + 0.5 * half) * size
-                        _, _, input = reading(at, kink, w, fixed, table)
-                        save(s, STAGES + (2 * k + half) * INPUT_SIZE, LANES, j, input.road)
-                _, _, input = reading(t + n * size, kink, w, fixed, table)
-                save(s, STAGES + 2 * n * INPUT_SIZE, LANES, j, input.road)
+                for k in range(2 * n + 1):
+                    _, _, input = reading(t + 0.5 * k * size, kink, w, fixed, table)
+                    save(s, STAGES + k * INPUT_SIZE, LANES, j, input.road)
             for k in range(n):
                 row = STAGES + 2 * k * INPUT_SIZE
                 for j in range(lanes):
                     fixed = load(p, 0, LANES, j, FIXED)
-                    w = load(z, W, LANES, j, PHASORS)
                     x, w = given_step(
                         plant_rate,
                         load(z, X, LANES, j, STATE),
-                        w,
+                        load(z, W, LANES, j, PHASORS),
                         fixed.turning,
                         step,
                         load(s, row, LANES, j, ROAD_INPUT),
@@ -558,6 +603,14 @@ def compose(what: Composition, single: bool) -> Kernels:
                     save(z, X, LANES, j, x)
                     save(z, W, LANES, j, w)
 
+        @compiled
+        def inspect(
+            z: Any, clock: Any, p: Any, s: Any, lanes: Any, dt: Any, tables: Any, bounds: Any
+        ) -> None:
+            """Read all cars of a block."""
+            for j in range(lanes):
+                inspect_one(z, clock, p, s, j, dt, table_of(tables, bounds, j))
+
     else:
 
         @compiled
@@ -568,13 +621,12 @@ def compose(what: Composition, single: bool) -> Kernels:
             s: Any,
             lanes: Any,
             n: Any,
-            step: Any,
             dt: Any,
-            memory: Any,
-            nominals: Any,
-            base: Any,
+            tables: Any,
+            bounds: Any,
         ) -> None:
             """Advance all cars of a block over an interval without a kink."""
+            step = typed(step_fractions(dt / n))
             for _ in range(n // 4):
                 for j in range(lanes):
                     fixed = load(p, 0, LANES, j, FIXED)
@@ -604,67 +656,9 @@ def compose(what: Composition, single: bool) -> Kernels:
                     save(z, X, LANES, j, x)
                     save(z, W, LANES, j, w)
 
-    @compiled
-    def noted(now: Any, s: Any, z: Any, clock: Any, j: Any, fixed: Any) -> None:
-        """Pass on what has been read of one car."""
-        costs, out, measured = judge(now, load(z, BEFORE_ROW, LANES, j, BEFORE), fixed)
-        save(s, COST, LANES, j, costs)
-        save(s, E, LANES, j, bounded(times(read(now, fixed), fixed.scales), OBSERVATION_LIMIT))
-        late = (clock[ELAPSED * LANES + j] >= clock[LAST * LANES + j]) & (not out)
-        penalty = -fixed.penalty * out
-        save(s, END, LANES, j, (out, late, penalty, negative_sum(costs) + penalty))
-        save(z, BEFORE_ROW, LANES, j, measured)
-        forces = (now.u1, now.u2)
-        for i in range(m):
-            s[(U + i) * LANES + j] = forces[LAST_FORCE + i]
-
-    @compiled_apart
-    def inspect_one(z: Any, clock: Any, p: Any, s: Any, j: Any, dt: Any, table: Any) -> None:
-        """Read one car by itself."""
-        fixed = load_wide(p, 0, LANES, j, FIXED)
-        time = load(clock, 0, LANES, j, CLOCK)
-        now = look(
-            load_wide(z, X, LANES, j, STATE),
-            load_wide(z, W, LANES, j, PHASORS),
-            load_wide(s, C, LANES, j, COMMAND),
-            fixed,
-            int(time.kink),
-            time.start + time.elapsed * dt,
-            table,
-        )
-        noted(now, s, z, clock, j, fixed)
-
-    if what.road.pieces is None:
-
         @compiled
         def inspect(
-            z: Any,
-            clock: Any,
-            p: Any,
-            s: Any,
-            lanes: Any,
-            dt: Any,
-            memory: Any,
-            nominals: Any,
-            base: Any,
-        ) -> None:
-            """Read all cars of a block."""
-            for j in range(lanes):
-                inspect_one(z, clock, p, s, j, dt, table_of(memory, nominals, base + j))
-
-    else:
-
-        @compiled
-        def inspect(
-            z: Any,
-            clock: Any,
-            p: Any,
-            s: Any,
-            lanes: Any,
-            dt: Any,
-            memory: Any,
-            nominals: Any,
-            base: Any,
+            z: Any, clock: Any, p: Any, s: Any, lanes: Any, dt: Any, tables: Any, bounds: Any
         ) -> None:
             """Read all cars of a block."""
             for j in range(lanes):
@@ -676,38 +670,50 @@ def compose(what: Composition, single: bool) -> Kernels:
 
     @kernel
     def step(
-        memory: Any,
-        nominals: Any,
+        slabs: Any,
+        clocks: Any,
+        fixed_slabs: Any,
+        blocks: Any,
+        tables: Any,
+        bounds: Any,
+        scratch: Any,
         worker: Any,
         first_block: Any,
         end_block: Any,
         actions: Any,
-        mode: Any,
         dt: Any,
         n: Any,
-        fractions: Any,
-        out: Any,
+        seen: Any,
+        rewards: Any,
+        push: Any,
+        ends: Any,
     ) -> Any:
+        """Advance the cars of some blocks.
+
+        Returns 0, `OVER` if an episode is over, now or before, or `NOT_FINITE` if an action is no
+        finite number; no car has moved then.
+        """
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        cars = actions.shape[0]
-        s = memory.scratch[worker]
-        finished, begun = 0, 0
+        s = scratch[worker]
+        over, wrong = False, False
+        for i in range(first_block * LANES, min(end_block * LANES, actions.shape[0])):
+            for k in range(m):
+                wrong |= not abs(actions[i, k]) <= HIGHEST
+        if wrong:
+            return NOT_FINITE
         for block in range(first_block, end_block):
-            z, clock, p = (
-                memory.moving[block],
-                memory.clocks[block],
-                memory.fixed[memory.which[block]],
-            )
+            z, clock, p = slabs[block], clocks[block], fixed_slabs[blocks[block, 0]]
             base = block * LANES
-            lanes = min(LANES, cars - base)
+            lanes = min(LANES, actions.shape[0] - base)
+            own_bounds = bounds[base : base + lanes]
+            given = actions[base : base + lanes]
             for j in range(lanes):
                 fixed = load(p, 0, LANES, j, FIXED)
-                given = (real(actions[base + j, 0]), real(actions[base + j, m - 1]))
-                c = command_of(given, fixed.actuator)
-                save(s, C, LANES, j, c)
+                action = (real(given[j, 0]), real(given[j, m - 1]))
+                save(s, C, LANES, j, command_of(action, fixed.actuator))
             crossing = False
-            if memory.quiet[block] > 0:
-                memory.quiet[block] -= 1
+            if blocks[block, 1] > 0:
+                blocks[block, 1] -= 1
             else:
                 for j in range(lanes):
                     time = load(clock, 0, LANES, j, CLOCK)
@@ -716,10 +722,10 @@ def compose(what: Composition, single: bool) -> Kernels:
                     for i in range(MOVES * LANES):
                         s[SAVED * LANES + i] = z[i]
                 else:
-                    memory.quiet[block] = quiet_intervals(clock, lanes, dt)
+                    blocks[block, 1] = quiet_intervals(clock, lanes, dt)
             if single and int(clock[ELAPSED * LANES]) % RESEED == 0:
                 reseed(z, clock, p, lanes, dt)
-            advance_block(z, clock, p, s, lanes, n, fractions, dt, memory, nominals, base)
+            advance_block(z, clock, p, s, lanes, n, dt, tables, own_bounds)
             if crossing:
                 for j in range(lanes):
                     time = load(clock, 0, LANES, j, CLOCK)
@@ -737,7 +743,7 @@ def compose(what: Composition, single: bool) -> Kernels:
                             dt,
                             n,
                             step_fractions(dt / n),
-                            table_of(memory, nominals, base + j),
+                            table_of(tables, own_bounds, j),
                         )
                         save(z, X, LANES, j, x)
                         save(z, W, LANES, j, w)
@@ -745,60 +751,87 @@ def compose(what: Composition, single: bool) -> Kernels:
                         clock[NEXT * LANES + j] = next
             for j in range(lanes):
                 clock[ELAPSED * LANES + j] += 1.0
-            inspect(z, clock, p, s, lanes, dt, memory, nominals, base)
+            inspect(z, clock, p, s, lanes, dt, tables, own_bounds)
             if crossing:
                 for j in range(lanes):
                     time = load(clock, 0, LANES, j, CLOCK)
-                    t = time.start + time.elapsed * dt
-                    if time.next <= t:
-                        inspect_one(z, clock, p, s, j, dt, table_of(memory, nominals, base + j))
-            over = 0.0
+                    if time.next <= time.start + time.elapsed * dt:
+                        inspect_one(z, clock, p, s, j, dt, table_of(tables, own_bounds, j))
+            over |= put_out(
+                s,
+                clock,
+                lanes,
+                seen[base : base + lanes],
+                rewards[:, base : base + lanes],
+                push[base : base + lanes],
+                ends[:, base : base + lanes],
+            )
+        return OVER if over else FINE
+
+    @compiled
+    def put_out(
+        s: Any, clock: Any, lanes: Any, seen: Any, rewards: Any, push: Any, ends: Any
+    ) -> Any:
+        """Write what a block's cars have done; return whether an episode is over."""
+        for i in range(m):
             for j in range(lanes):
-                over += clock[DONE * LANES + j] + s[END * LANES + j] + s[(END + 1) * LANES + j]
-            for i in range(m):
-                for j in range(lanes):
-                    out.force[base + j, i] = s[(U + i) * LANES + j]
-            for i in range(T):
-                for j in range(lanes):
-                    out.terms[i, base + j] = -s[(COST + i) * LANES + j]
+                push[j, i] = s[(U + i) * LANES + j]
+        reward, penalty = rewards[0], rewards[T + 1]
+        terminated, truncated = ends[0], ends[1]
+        for j in range(lanes):
+            reward[j] = s[(END + 3) * LANES + j]
+        for j in range(lanes):
+            penalty[j] = s[(END + 2) * LANES + j]
+        for i in range(T):
+            term = rewards[1 + i]
             for j in range(lanes):
-                out.terms[T, base + j] = s[(END + 2) * LANES + j]
+                term[j] = -s[(COST + i) * LANES + j]
+        for j in range(lanes):
+            terminated[j] = s[END * LANES + j] > NONE
+        for j in range(lanes):
+            truncated[j] = s[(END + 1) * LANES + j] > NONE
+        for k in range(K):
             for j in range(lanes):
-                out.reward[base + j] = s[(END + 3) * LANES + j]
-            for j in range(lanes):
-                out.terminated[base + j] = s[END * LANES + j] > NONE
-            for j in range(lanes):
-                out.truncated[base + j] = s[(END + 1) * LANES + j] > NONE
-            for j in range(lanes):
-                for k in range(K):
-                    out.seen[base + j, k] = np.float32(s[(E + k) * LANES + j])
-            if over == 0.0:
-                continue
-            for j in range(lanes):
-                i = base + j
-                again = clock[DONE * LANES + j] > 0.0
-                ended = (out.terminated[i] or out.truncated[i]) and not again
-                if ended:
-                    finished += 1
-                    clock[DONE * LANES + j] = 1.0
-                if again:
-                    out.force[i] = 0.0
-                    out.reward[i] = 0.0
-                    out.terms[:, i] = 0.0
-                    out.terminated[i] = False
-                    out.truncated[i] = False
-                elif ended and mode == SAME_STEP:
-                    memory.finals[i] = out.seen[i]
-                else:
-                    continue
-                if mode == DISABLED:
-                    continue
-                begun += 1
-                memory.restarted[i] = True
-                begin_again(memory, nominals, block, j, NOTHING_GIVEN, dt / n, out.seen[i])
-                memory.quiet[block] = min(memory.quiet[block], quiet_of(clock, j, dt))
-        return finished, begun
+                seen[j, k] = np.float32(s[(E + k) * LANES + j])
+        over = False
+        for j in range(lanes):
+            over |= s[END * LANES + j] + s[(END + 1) * LANES + j] + clock[DONE * LANES + j] > NONE
+        return over
+
+    @kernel
+    def ending(clocks: Any, ends: Any, rewards: Any, push: Any) -> Any:
+        """Mark the cars whose episode has just ended, and quiet those that had ended before.
+
+        Returns the former and the latter, indices of cars.
+        """
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        cars = ends.shape[1]
+        now, before = np.empty(cars, np.int64), np.empty(cars, np.int64)
+        first, last = 0, 0
+        for i in range(cars):
+            clock, j = clocks[i // LANES], i % LANES
+            if clock[DONE * LANES + j] > 0.0:
+                before[last] = i
+                last += 1
+                push[i] = 0.0
+                rewards[:, i] = 0.0
+                ends[:, i] = False
+            elif ends[0, i] or ends[1, i]:
+                clock[DONE * LANES + j] = 1.0
+                now[first] = i
+                first += 1
+        return now[:first], before[:last]
 
     return Kernels(
-        moving, clocks, fixed_rows, passed.size, INPUT_SIZE, step, reset, step_one, reset_one
+        moving=moving,
+        clock=clocks,
+        fixed=fixed_rows,
+        scratch=passed.size,
+        stages=INPUT_SIZE,
+        step=step,
+        begin=begin,
+        show=show,
+        ending=ending,
+        step_one=step_one,
+        reset_one=reset_one,
     )

@@ -1,0 +1,410 @@
+"""A fleet: many cars, or one, of any make, whose actions are held over control intervals.
+
+Every environment, and every result of this library, comes from here.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from typing import Any, NamedTuple, Protocol
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from qcar_env.engine.compile import LANES, aligned
+from qcar_env.engine.layout import columns
+from qcar_env.engine.random import streams
+from qcar_env.engine.stepping import (
+    FINE,
+    NOT_FINITE,
+    OVER,
+    Composition,
+    Kernels,
+    compose,
+)
+from qcar_env.validation import whole
+
+Array = NDArray[np.float64]
+SHOWN, FLOAT = np.dtype(np.float32), np.dtype(np.float64)
+BOOL, COUNT = np.dtype(np.bool_), np.dtype(np.int64)
+
+CARS_A_THREAD = 16384  # at least: handing fewer over to another thread costs what it saves
+DISABLED, NEXT_STEP, SAME_STEP = range(3)  # what becomes of a car whose episode is over
+NOTHING_GIVEN = np.full((1, 5), np.nan)
+
+
+class Source(NamedTuple):
+    """What a car draws its episodes from, as plain numbers."""
+
+    row: Array  # (k,) a `qcar_env.engine.starts.Nominal`
+    draws: Array  # (d, e) distributions, see `qcar_env.engine.starts.drawn`
+    targets: Array  # (t, 3) what they change, see `qcar_env.engine.starts.vary`
+    count: int  # uniform numbers that an episode takes
+    table: Array  # (e,) of the road
+
+
+class Plan(Protocol):
+    """What a fleet is made for (see `qcar_env.envs.episode`)."""
+
+    @property
+    def composition(self) -> Composition:
+        """What is compiled."""
+        ...
+
+    @property
+    def source(self) -> Source:
+        """What the cars draw from at first."""
+        ...
+
+    @property
+    def dt(self) -> float:
+        """Control interval [s]."""
+        ...
+
+    @property
+    def substeps(self) -> int:
+        """RK4 steps in it."""
+        ...
+
+
+class Interval(NamedTuple):
+    """What a control interval brings; the arrays are the caller's own."""
+
+    seen: NDArray[np.float32]  # (n, k) observations
+    rewards: Array  # (t + 2, n) reward; its terms; the penalty for leaving the travel
+    force: Array  # (n, m) forces of the actuators, in their unit
+    ends: NDArray[np.bool_]  # (2, n) terminated, truncated
+    begun: NDArray[np.int64] | None  # cars that have begun their next episode
+    finals: NDArray[np.float32] | None  # their last observations, in the mode `SAME_STEP`
+
+
+class Cars:
+    """A fleet.
+
+    Parameters
+    ----------
+    n : int
+        Number of cars.
+    plan : Plan
+        What they are, and what they draw their episodes from.
+    single : bool
+        Whether the cars' numbers have single precision.
+    threads : int
+        Threads that share the cars at most, see `CARS_A_THREAD`.
+    """
+
+    def __init__(self, n: int, plan: Plan, *, single: bool = False, threads: int = 1) -> None:
+        self.n = whole("num_envs", n)
+        self.plan = plan
+        self._single = single
+        self._blocks = -(-self.n // LANES)
+        self._workers = max(1, min(whole("threads", threads), self.n // CARS_A_THREAD))
+        kernels = compose(plan.composition, single)
+        real = np.float32 if single else np.float64
+        lanes = self._lanes = LANES
+        rows = kernels.scratch + (2 * plan.substeps + 1) * kernels.stages
+        self._slabs = aligned((self._blocks, kernels.moving.size * lanes), real)
+        self._clocks = aligned((self._blocks, kernels.clock.size * lanes))
+        self._fixed = aligned((1, kernels.fixed.size * lanes), real)
+        self._scratch = aligned((self._workers, rows * lanes), real)
+        # Of a block: which slab of `_fixed` is its own, and for how many intervals none of its cars
+        # can meet a kink.
+        self._of_block = np.zeros((self._blocks, 2), COUNT)
+        self._streams = np.zeros((self.n, 4), np.uint64)
+        self._sources = [plan.source]
+        self._chosen = np.zeros(self.n, COUNT)
+        self._gather()
+        self._pool: ThreadPoolExecutor | None = None
+        self._busy = False
+        self._compile(kernels)
+
+    def _compile(self, kernels: Kernels) -> None:
+        self.kernels = kernels
+        composition = self.plan.composition
+        self.size, self.actions = len(composition.observed), composition.actuator.size  # pyright: ignore[reportAttributeAccessIssue]
+        self._terms = len(composition.terms)
+        self._shape = (self.n, self.actions)
+        dt, n = self.plan.dt, self.plan.substeps
+        self._settings = (dt, n)
+        cars = self._moving()
+        outputs = self._outputs()
+        examples = (*cars, self._scratch, 0, 0, 1, np.empty(self._shape, SHOWN), dt, n, *outputs)
+        self._step = kernels.step.compile(tuple(numba.typeof(each) for each in examples))
+        self._pid = os.getpid()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave compiled code and threads behind; they are made anew."""
+        made = ("kernels", "_step", "_pool")
+        return {name: value for name, value in vars(self).items() if name not in made}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the arrays, and compile."""
+        vars(self).update(state)
+        for name in ("_slabs", "_clocks", "_fixed", "_scratch"):
+            copy = aligned(state[name].shape, state[name].dtype)
+            copy[...] = state[name]
+            setattr(self, name, copy)
+        self._pool, self._busy = None, False
+        self._compile(compose(self.plan.composition, self._single))
+
+    def _moving(self) -> tuple[Any, ...]:
+        return (
+            self._slabs,
+            self._clocks,
+            self._fixed,
+            self._of_block,
+            self._tables,
+            self._bounds,
+        )
+
+    def _outputs(self) -> tuple[Any, ...]:
+        n = self.n
+        return (
+            np.empty((n, self.size), SHOWN),
+            np.empty((self._terms + 2, n), FLOAT),
+            np.empty(self._shape, FLOAT),
+            np.empty((2, n), BOOL),
+        )
+
+    # What cars draw from ----------------------------------------------------------------------
+
+    def _gather(self) -> None:
+        """Lay the sources out as arrays."""
+        sources = self._sources
+        self._nominals = np.array([each.row for each in sources])
+        wide = max(each.draws.shape[1] for each in sources)
+        deep = max(each.draws.shape[0] for each in sources)
+        self._draws = np.zeros((len(sources), deep, wide))
+        for place, each in zip(self._draws, sources, strict=True):
+            place[: each.draws.shape[0], : each.draws.shape[1]] = each.draws
+        self._targets = np.concatenate([each.targets for each in sources])
+        self._tables = np.concatenate([each.table for each in sources])
+        ends = np.cumsum([len(each.targets) for each in sources])
+        first = ends - [len(each.targets) for each in sources]
+        counts = [each.count for each in sources]
+        self._counts = np.stack([counts, first, ends], axis=1).astype(COUNT)
+        last = np.cumsum([len(each.table) for each in sources])
+        begin = last - [len(each.table) for each in sources]
+        self._bounds = np.ascontiguousarray(np.stack([begin, last], axis=1)[self._chosen], COUNT)
+        alike = len(sources) == 1 and not len(sources[0].targets)
+        if not alike and len(self._fixed) < self._blocks:  # cars have numbers of their own now
+            own = aligned((self._blocks, self._fixed.shape[1]), self._fixed.dtype)
+            own[...] = self._fixed
+            self._fixed = own
+            self._of_block[:, 0] = np.arange(self._blocks)
+
+    def assign(self, groups: Sequence[tuple[NDArray[np.intp], Source]]) -> None:
+        """Let cars draw their next episodes from other sources of the same composition."""
+        for cars, source in groups:
+            for number, known in enumerate(self._sources):
+                if _equal(known, source):
+                    self._chosen[cars] = number
+                    break
+            else:
+                self._chosen[cars] = len(self._sources)
+                self._sources.append(source)
+        used, self._chosen[...] = np.unique(self._chosen, return_inverse=True)
+        self._sources = [self._sources[i] for i in used]
+        self._gather()
+
+    # Episodes ---------------------------------------------------------------------------------
+
+    def seed(self, cars: NDArray[np.intp], states: NDArray[np.uint64]) -> None:
+        """Set the random streams of `cars`, see `qcar_env.engine.random.streams`."""
+        self._streams[cars] = states
+
+    def begin(self, cars: NDArray[np.int64], given: Array, seen: NDArray[np.float32]) -> None:
+        """Begin episodes.
+
+        Parameters
+        ----------
+        cars : ndarray (k,)
+            Which cars.
+        given : ndarray (k, 5) or (1, 5)
+            State (x1, x2, v1, v2) [m, m, m/s, m/s] and phase [rad] where they are not drawn, else
+            not a number.
+        seen : ndarray (n, size) of float32
+            Their observations are written here.
+        """
+        dt, n = self._settings
+        self.kernels.begin(
+            *self._moving(),
+            self._streams,
+            self._chosen,
+            self._nominals,
+            self._draws,
+            self._targets,
+            self._counts,
+            cars,
+            given,
+            dt,
+            n,
+            seen,
+        )
+
+    def reset(self, mask: NDArray[np.bool_], given: Array) -> NDArray[np.float32]:
+        """Begin episodes of the cars in `mask` (n,); return the observations of all cars.
+
+        Parameters
+        ----------
+        mask : ndarray (n,) of bool
+            Which cars.
+        given : ndarray (n, 5)
+            See `begin`.
+        """
+        cars = np.flatnonzero(mask).astype(COUNT)
+        seen = np.empty((self.n, self.size), SHOWN)
+        if len(cars) < self.n:
+            self.kernels.show(*self._moving(), self._settings[0], seen)
+        self._of_block[:, 1] = np.iinfo(COUNT).max if len(cars) == self.n else 0
+        self.begin(cars, np.ascontiguousarray(given[cars], FLOAT), seen)
+        return seen
+
+    def step(self, actions: NDArray[np.float32], mode: int) -> Interval:
+        """Hold forces for one control interval.
+
+        Parameters
+        ----------
+        actions : ndarray (n, m) of float32
+            Forces over their limits, row by row in memory.
+        mode : int
+            `DISABLED`, `NEXT_STEP` or `SAME_STEP`: what becomes of a car whose episode is over.
+
+        Returns
+        -------
+        Interval
+
+        Raises
+        ------
+        ValueError
+            If an action is not a finite number, or a car's episode is over and nothing begins the
+            next one. No car has moved then.
+        RuntimeError
+            If another thread is stepping these cars.
+        """
+        if self._busy:
+            raise RuntimeError("another thread is stepping these cars; give each its own")
+        if mode == DISABLED and self.done.any():
+            over = np.flatnonzero(self.done)
+            raise ValueError(
+                f"the episodes of {over.size} car(s) are over (the first is car {over[0]}); call "
+                "reset with options={'reset_mask': ...} before the next step. No car has moved"
+            )
+        self._busy = True
+        try:
+            outputs = self._outputs()
+            code = self._run(actions, outputs)
+            if code == NOT_FINITE:
+                self._refuse(actions)
+            if code == FINE:
+                return Interval(*outputs, None, None)
+            return self._turn_over(outputs, mode)
+        finally:
+            self._busy = False
+
+    def _run(self, actions: NDArray[np.float32], outputs: tuple[Any, ...]) -> int:
+        cars = self._moving()
+        if self._workers == 1:
+            return self._step(
+                *cars, self._scratch, 0, 0, self._blocks, actions, *self._settings, *outputs
+            )
+        if not np.isfinite(actions).all():  # before any worker moves a car
+            return NOT_FINITE
+        if self._pool is None or self._pid != os.getpid():
+            self._pool, self._pid = ThreadPoolExecutor(self._workers - 1), os.getpid()
+        edges = [self._blocks * i // self._workers for i in range(self._workers + 1)]
+        jobs = [
+            self._pool.submit(
+                self._step,
+                *(*cars, self._scratch, i, edges[i], edges[i + 1], actions),
+                *self._settings,
+                *outputs,
+            )
+            for i in range(1, self._workers)
+        ]
+        try:
+            own = self._step(
+                *cars, self._scratch, 0, 0, edges[1], actions, *self._settings, *outputs
+            )
+        finally:
+            wait(jobs)  # the workers write to these arrays, whatever interrupts this thread
+        return max(own, *(job.result() for job in jobs))
+
+    def _turn_over(self, outputs: tuple[Any, ...], mode: int) -> Interval:
+        seen, rewards, force, ends = outputs
+        now, before = self.kernels.ending(self._clocks, ends, rewards, force)
+        begun = now if mode == SAME_STEP else before
+        finals = seen[begun] if mode == SAME_STEP else None
+        if not len(begun):
+            return Interval(seen, rewards, force, ends, None, None)
+        self.begin(begun, NOTHING_GIVEN, seen)
+        return Interval(seen, rewards, force, ends, begun, finals)
+
+    def _refuse(self, actions: NDArray[np.float32]) -> None:
+        car = int(np.flatnonzero(~np.isfinite(actions).all(axis=1))[0])
+        raise ValueError(
+            f"actions must be finite, got {actions[car]} for car {car}; allowed range is "
+            "[-1, 1]. No car has moved"
+        )
+
+    # What can be looked at ---------------------------------------------------------------------
+
+    @property
+    def states(self) -> Array:
+        """States (x1, x2, v1, v2) [m, m, m/s, m/s], shape (n, 4)."""
+        return columns(self._slabs, self.kernels.moving.row("state"), 4, self.n).T
+
+    @property
+    def done(self) -> NDArray[np.bool_]:
+        """Which episodes are over and not begun again, shape (n,)."""
+        return self.clock("done") > 0.0
+
+    @property
+    def phases(self) -> Array:
+        """Phase of each car's road when its episode began [rad], shape (n,)."""
+        return self.clock("phase")
+
+    def clock(self, name: str) -> Array:
+        """Return an entry of each car's `qcar_env.engine.starts.Clock`, shape (n,)."""
+        return columns(self._clocks, self.kernels.clock.find(f"clock.{name}"), 1, self.n)[0]
+
+    def fixed(self, path: str, count: int = 1) -> Array:
+        """Return `count` numbers of each car's `qcar_env.engine.starts.Fixed`, shape (count, n)."""
+        row = self.kernels.fixed.find(f"fixed.{path}")
+        own = self._fixed[self._of_block[:, 0]]
+        return columns(own, row, count, self.n)
+
+    def held(self) -> Array:
+        """Return the last commands of the actuators, shape (n, m)."""
+        return columns(self._slabs, self.kernels.moving.row("held"), self.actions, self.n).T
+
+    def stagger(self, elapsed: NDArray[np.int64]) -> None:
+        """Set the control intervals that the cars' episodes have lasted, (n,)."""
+        if np.shape(elapsed) != (self.n,):
+            raise ValueError(
+                f"elapsed must have shape ({self.n},), got {np.shape(elapsed)}; give one count of "
+                "control intervals for each car"
+            )
+        row = self.kernels.clock.find("clock.elapsed")
+        parts = self._clocks.reshape(self._blocks, -1, LANES)
+        for i, count in enumerate(elapsed.tolist()):
+            parts[i // LANES, row, i % LANES] = count
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that the cars take [B]."""
+        own = (self._slabs, self._clocks, self._fixed, self._of_block)
+        return sum(each.nbytes for each in (*own, self._streams, self._chosen, self._bounds))
+
+
+def _equal(a: Source, b: Source) -> bool:
+    return a.count == b.count and all(
+        np.array_equal(c, d)
+        for c, d in ((a.row, b.row), (a.draws, b.draws), (a.targets, b.targets), (a.table, b.table))
+    )
+
+
+__all__ = ["DISABLED", "NEXT_STEP", "OVER", "SAME_STEP", "Cars", "Interval", "Plan", "Source", "streams"]
