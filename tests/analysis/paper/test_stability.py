@@ -7,13 +7,11 @@ import pytest
 import sympy as sp
 from hypothesis import given, strategies as st
 
-from qcar_env.analysis.forced_car import ForcedCar, stack, sweep
-from qcar_env.analysis.frequency_response import balanced_start, eigenvalues, fixed_points
-from qcar_env.analysis.hardening import Hardening
 from qcar_env.analysis.harmonic_balance import balance
-from qcar_env.analysis.periodic_orbit import periodic_orbits
-from qcar_env.analysis.simulate import steady_amplitudes
-from qcar_env.analysis.stability import (
+from qcar_env.analysis.paper.forced_car import ForcedCar, stack, sweep
+from qcar_env.analysis.paper.frequency_response import balanced_start, eigenvalues, fixed_points
+from qcar_env.analysis.paper.hardening import Hardening
+from qcar_env.analysis.paper.stability import (
     CONDITIONS,
     characteristic_polynomial,
     compare_with_floquet,
@@ -23,6 +21,8 @@ from qcar_env.analysis.stability import (
     routh_hurwitz,
     stability_map,
 )
+from qcar_env.analysis.periodic_orbit import periodic_orbits
+from qcar_env.analysis.simulate import steady_amplitudes
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.physics import linear
 from qcar_env.physics.car import QuarterCar
@@ -232,7 +232,7 @@ def test_the_paper_satisfies_the_contraction_condition(paper):
 def test_folds_make_real_eigenvalues_vanish(paper):
     """Just before and after a fold of the hardening car one real eigenvalue has changed sign."""
     car = with_law(paper, Hardening(alpha2=800.0))
-    from qcar_env.analysis.frequency_response import response
+    from qcar_env.analysis.paper.frequency_response import response
 
     curve = response(car, "sigma2", -20.0, 0.0, form="rotating")
     fold = curve.folds[0].value
@@ -244,6 +244,6 @@ def test_folds_make_real_eigenvalues_vanish(paper):
 
 
 def _jacobian(cars):
-    from qcar_env.analysis.stability import _cartesian_jacobian
+    from qcar_env.analysis.paper.stability import _cartesian_jacobian
 
     return _cartesian_jacobian(cars, fixed_points(cars), "frozen")

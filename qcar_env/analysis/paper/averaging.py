@@ -38,8 +38,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 
-from qcar_env.analysis.forced_car import ForcedCar, ForcedCars, Gains, stack
-from qcar_env.analysis.hardening import Hardening
+from qcar_env.analysis.newton import numerical_jacobian
+from qcar_env.analysis.paper.forced_car import ForcedCar, ForcedCars, Gains, stack
+from qcar_env.analysis.paper.hardening import Hardening
 from qcar_env.control.cnvc import CNVC
 from qcar_env.control.law import REST
 from qcar_env.control.lnvc import LNVC
@@ -436,37 +437,6 @@ def average_force(
     U1: ComplexArray = (np.broadcast_to(u1, shape) @ weight).astype(np.complex128)
     U2: ComplexArray = (np.broadcast_to(u2, shape) @ weight).astype(np.complex128)
     return U1, U2
-
-
-def numerical_jacobian(function: Callable[[Array], Array], z: Array) -> Array:
-    """Differentiate a vectorised function by central differences.
-
-    Parameters
-    ----------
-    function : callable
-        Maps (m, k) to (m', k), column by column; called once, with all shifted columns, in the
-        order of the columns of `z` repeated ``2 m`` times.
-    z : ndarray (m, n)
-        Where.
-
-    Returns
-    -------
-    ndarray (n, m', m)
-
-    Notes
-    -----
-    The step is the cube root of the rounding unit times the largest entry of the column: the
-    relative error is about 1e-10 for entries of the size of the largest.
-    """
-    m, n = z.shape
-    step = np.cbrt(np.finfo(float).eps) * np.maximum(np.max(np.abs(z), axis=0), 1e-6)
-    shifts = step[None, None, :] * np.eye(m)[:, :, None]  # (component, shifted one, n)
-    columns = np.concatenate(
-        [(z[:, None, :] + shifts).reshape(m, -1), (z[:, None, :] - shifts).reshape(m, -1)], axis=1
-    )
-    values = function(columns).reshape(-1, 2, m, n)
-    slopes = (values[:, 0] - values[:, 1]) / (2.0 * step)
-    return np.moveaxis(slopes, 2, 0)
 
 
 def _filter_amplitudes(

@@ -27,10 +27,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
-from qcar_env.analysis.averaging import Form, SlowFlow
-from qcar_env.analysis.forced_car import ForcedCar, ForcedCars, stack
-from qcar_env.analysis.frequency_response import FixedPoints, balanced_start, fixed_points
 from qcar_env.analysis.harmonic_balance import balance
+from qcar_env.analysis.paper.averaging import Form, SlowFlow
+from qcar_env.analysis.paper.forced_car import ForcedCar, ForcedCars, stack
+from qcar_env.analysis.paper.frequency_response import FixedPoints, balanced_start, fixed_points
 from qcar_env.analysis.periodic_orbit import periodic_orbits
 from qcar_env.control.cnvc import CNVC
 from qcar_env.control.passive import Passive
@@ -86,7 +86,7 @@ def jacobian_entries(
     points : FixedPoints
         Their fixed points; `a1` and `a2` not zero, where the polar form is singular.
     form : {"frozen", "natural", "rotating"}
-        See `qcar_env.analysis.averaging.SlowFlow`.
+        See `qcar_env.analysis.paper.averaging.SlowFlow`.
     printed : bool, optional
         ``True``: as the appendix is printed, with E3/omega2 in N9, N10 and N12 and the wrong sign
         of the E term in N3, N8, N14 and N16. For the fidelity report only.
@@ -261,7 +261,7 @@ def first_loss(
     Notes
     -----
     Meant for a response without folds: the fixed point nearest to rest is taken at each value.
-    On a folded response follow the branch with `qcar_env.analysis.frequency_response.response`.
+    On a folded response follow the branch with `frequency_response.response`.
     """
     start, end = finite("start", start), finite("end", end)
     values = np.linspace(start, end, whole("samples", samples, 2, MOST_SAMPLES))

@@ -5,15 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from qcar_env.analysis.forced_car import ForcedCar, stack, sweep
-from qcar_env.analysis.frequency_response import (
+from qcar_env.analysis.harmonic_balance import balance
+from qcar_env.analysis.paper.forced_car import ForcedCar, stack, sweep
+from qcar_env.analysis.paper.frequency_response import (
     balanced_start,
     fixed_points,
     response,
     solutions,
 )
-from qcar_env.analysis.hardening import Hardening
-from qcar_env.analysis.harmonic_balance import balance
+from qcar_env.analysis.paper.hardening import Hardening
 from qcar_env.analysis.simulate import steady_amplitudes
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.physics import linear

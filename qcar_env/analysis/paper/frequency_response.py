@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.analysis import continuation
-from qcar_env.analysis.averaging import Form, SlowFlow, polar, two_amplitudes
-from qcar_env.analysis.forced_car import ForcedCar, ForcedCars, stack, sweep
 from qcar_env.analysis.harmonic_balance import DENSE, MOST_HARMONICS, HarmonicBalance, balance
 from qcar_env.analysis.newton import newton
+from qcar_env.analysis.paper.averaging import Form, SlowFlow, polar, two_amplitudes
+from qcar_env.analysis.paper.forced_car import ForcedCar, ForcedCars, stack, sweep
 from qcar_env.analysis.periodic_orbit import monodromy
 from qcar_env.validation import finite, known, positive, whole
 
@@ -104,7 +104,7 @@ def fixed_points(
     cars : ForcedCars
         The cars, (n,).
     form, printed
-        See `qcar_env.analysis.averaging.SlowFlow`.
+        See `qcar_env.analysis.paper.averaging.SlowFlow`.
     start : ndarray (4, n), optional
         Where to start, ``(Re A1, Im A1, Re A2, Im A2)`` [m]; near rest by default.
 

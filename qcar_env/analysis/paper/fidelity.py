@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.analysis.chaos import largest_lyapunov_exponent
-from qcar_env.analysis.forced_car import ForcedCar, from_scenario, stack, sweep
-from qcar_env.analysis.frequency_response import eigenvalues, fixed_points, solutions
-from qcar_env.analysis.paper_experiments import (
+from qcar_env.analysis.paper.experiments import (
     SETTLED,
     STEP,
     Errors,
@@ -26,9 +24,11 @@ from qcar_env.analysis.paper_experiments import (
     transient,
     with_law,
 )
+from qcar_env.analysis.paper.forced_car import ForcedCar, from_scenario, stack, sweep
+from qcar_env.analysis.paper.frequency_response import eigenvalues, fixed_points, solutions
+from qcar_env.analysis.paper.stability import contraction_margin, jacobian_entries
+from qcar_env.analysis.paper.table1 import PRINTED
 from qcar_env.analysis.simulate import Steady, steady_amplitudes
-from qcar_env.analysis.stability import contraction_margin, jacobian_entries
-from qcar_env.analysis.table1 import PRINTED
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import Law
 from qcar_env.scenarios import Scenario
