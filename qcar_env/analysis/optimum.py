@@ -318,8 +318,9 @@ def _grid(
     push = np.diag(case.actuator.specific_limits(case.car))
     if case.actuator.actuation == "suspension":
         push = push.sum(axis=1, keepdims=True)  # one force on both masses
-    into = linear.input_matrix() @ push / scale[:, np.newaxis]
-    matrix = linear.system_matrix(case.car) * scale / scale[:, np.newaxis]
+    plant = linear.matrices(case.car)
+    into = plant.B @ push / scale[:, np.newaxis]
+    matrix = plant.A * scale / scale[:, np.newaxis]
     lengths = np.diff(times)
     if closing:
         unique, kind = lengths[:1], np.zeros(len(lengths), dtype=np.intp)
