@@ -24,8 +24,9 @@ from matplotlib.figure import Figure
 
 from qcar_env.analysis import chaos
 from qcar_env.analysis.paper import experiments, stability
+from qcar_env.analysis.paper.fixed_points import fixed_points
 from qcar_env.analysis.paper.forced_car import ForcedCar, from_scenario, stack, sweep
-from qcar_env.analysis.paper.frequency_response import Response, fixed_points, response
+from qcar_env.analysis.paper.frequency_response import Response, response
 from qcar_env.analysis.paper.hardening import Hardening
 from qcar_env.analysis.paper.table1 import table1
 from qcar_env.analysis.simulate import Simulation

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from qcar_env.analysis.harmonic_balance import balance
+from qcar_env.analysis.paper.fixed_points import balanced_start, fixed_points
 from qcar_env.analysis.paper.forced_car import ForcedCar, stack
-from qcar_env.analysis.paper.frequency_response import balanced_start, fixed_points
 from qcar_env.analysis.paper.table1 import PRINTED, PrintedRow
 from qcar_env.control import CNVC, NDF, PPF, Passive
 from qcar_env.control.law import Law

@@ -24,9 +24,10 @@ from qcar_env.analysis.paper.experiments import (
     transient,
     with_law,
 )
+from qcar_env.analysis.paper.fixed_points import eigenvalues, fixed_points, solutions
 from qcar_env.analysis.paper.forced_car import ForcedCar, from_scenario, stack, sweep
-from qcar_env.analysis.paper.frequency_response import eigenvalues, fixed_points, solutions
-from qcar_env.analysis.paper.stability import contraction_margin, jacobian_entries
+from qcar_env.analysis.paper.jacobian import jacobian_entries
+from qcar_env.analysis.paper.stability import contraction_margin
 from qcar_env.analysis.paper.table1 import PRINTED
 from qcar_env.analysis.simulate import Steady, steady_amplitudes
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive

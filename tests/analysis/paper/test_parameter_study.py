@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from qcar_env.analysis.harmonic_balance import balance
+from qcar_env.analysis.paper.fixed_points import balanced_start
 from qcar_env.analysis.paper.forced_car import from_scenario, stack, sweep
-from qcar_env.analysis.paper.frequency_response import balanced_start
 from qcar_env.analysis.paper.parameter_study import cases, response_curves, simulated_amplitudes
 from qcar_env.control import CNVC, PPF
 from qcar_env.physics.state import State
