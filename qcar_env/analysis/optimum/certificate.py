@@ -34,13 +34,8 @@ Array = NDArray[np.float64]
 def least(grid: Grid, y: Array) -> float:
     """Return the least of ``sum y x`` over all forces of continuous time.
 
-    Parameters
-    ----------
-    grid : Grid
-        Nodes and maps.
-    y : ndarray (n, 2)
-        Multipliers of the displacements at the unknown nodes: 0 to n - 1 of a closed motion, 1 to
-        n of one from a given start.
+    The multipliers y (n, 2) are those of the unknown nodes: 0 to n - 1 of a closed motion, 1 to n
+    of one from a given start.
     """
     n = len(grid.kind)
     a = grid.A
@@ -80,14 +75,7 @@ def least(grid: Grid, y: Array) -> float:
 def peaks_of(grid: Grid, nodes: Array, forces: Array) -> Array:
     """Return the largest scaled |x1|, |x2| at any instant, bounded from above, shape (2,).
 
-    Parameters
-    ----------
-    grid : Grid
-        Nodes and maps.
-    nodes : ndarray (n + 1, 4)
-        Scaled states.
-    forces : ndarray (n, m)
-        Forces over their limits.
+    Nodes are scaled states (n + 1, 4), forces (n, m) over their limits.
     """
     peaks = np.zeros(2)
     for each, step in enumerate(grid.steps):

@@ -62,7 +62,7 @@ def episode_optimum(
     RuntimeError
         If the solver fails.
     """
-    case = find_scenario(scenario)
+    scenario = find_scenario(scenario)
     x0 = finite_array("state", state)
     if x0.shape != (4,):
         raise ValueError(
@@ -71,8 +71,8 @@ def episode_optimum(
         )
     aim = Aim(objective=objective, weights=weights)
     inside = whole("inside", inside, most=MOST_NODES)
-    hold = case.dt if dt is None else positive("dt", dt, "s")
-    length = case.duration if duration is None else positive("duration", duration, "s")
+    hold = scenario.dt if dt is None else positive("dt", dt, "s")
+    length = scenario.duration if duration is None else positive("duration", duration, "s")
     if length / hold * inside > MOST_NODES:
         raise ValueError(
             f"duration must be at most {MOST_NODES} nodes, got {length:g} s with dt = {hold:g} s "
@@ -91,7 +91,7 @@ def episode_optimum(
         )
     begin = finite("start", start, "s")
     times: Array = begin + hold / inside * np.arange(holds * inside + 1, dtype=np.float64)
-    kinks = np.array(case.road.kinks(times[0], times[-1]))
+    kinks = np.array(scenario.road.kinks(times[0], times[-1]))
     number = np.arange(len(times)) / inside
     if kinks.size:  # a kink that falls on a node takes its place
         near = np.min(np.abs(times[:, np.newaxis] - kinks), axis=1) < 1e-9 * hold
@@ -100,5 +100,5 @@ def episode_optimum(
         order = np.argsort(times)
         times, number = times[order], number[order]
     held = np.floor(number[:-1] + 1e-9).astype(np.intp)
-    grid = grid_of(case, times, held, hold, start=x0, after=after)
+    grid = grid_of(scenario, times, held, hold, start=x0, after=after)
     return solve(grid, aim)

@@ -66,33 +66,15 @@ class Grid:
 
 def grid_of(
     scenario: Scenario,
-    t: Array,
-    held: NDArray[np.intp],
-    hold: float,
+    t: Array,  # (n + 1,) nodes [s]
+    held: NDArray[np.intp],  # (n,) number of the force that acts in each step
+    hold: float,  # time for which a force is held [s]
     *,
-    start: Array | None = None,
-    closing: float = 0.0,
-    after: float = 0.0,
+    start: Array | None = None,  # (4,) first state; a closed motion has none, and equal steps
+    closing: float = 0.0,  # see `Grid`
+    after: float = 0.0,  # displacements count from this long after the first node [s]
 ) -> Grid:
-    """Return the grid of a scenario on nodes `t`.
-
-    Parameters
-    ----------
-    scenario : Scenario
-        Car, road, external force and actuator.
-    t : ndarray (n + 1,)
-        Nodes [s].
-    held : ndarray (n,)
-        Number of the force that acts in each step.
-    hold : float
-        Time for which a force is held [s].
-    start : ndarray (4,), optional
-        State at the first node [m, m, m/s, m/s]; a closed motion has none, and equal steps.
-    closing : float, optional
-        1 if a closed motion ends as it begins, -1 if it ends in the opposite state.
-    after : float, optional
-        Displacements count from this long after the first node [s].
-    """
+    """Return the grid of a scenario on given nodes."""
     amplitudes = np.array(scenario.reference_amplitudes)
     scale = np.concatenate([amplitudes, scenario.reference_frequency * amplitudes])
     push = np.diag(scenario.actuator.specific_limits(scenario.car))

@@ -75,10 +75,10 @@ def period_optimum(
     RuntimeError
         If the solver fails.
     """
-    case = find_scenario(scenario)
+    scenario = find_scenario(scenario)
     samples = whole("samples", samples, 2, MOST_NODES)
     aim = Aim(objective=objective, weights=weights)
-    period, half = _common_period(case)
+    period, half = _common_period(scenario)
     periods = 1
     if dt is not None:
         samples, periods = _commensurate(period, positive("dt", dt, "s"))
@@ -89,7 +89,7 @@ def period_optimum(
     number = np.arange((samples // 2 if half else samples) * nodes)
     t: Array = periods * period / (samples * nodes) * np.arange(len(number) + 1.0)
     hold = period * periods / samples
-    grid = grid_of(case, t, number // nodes, hold, closing=-1.0 if half else 1.0)
+    grid = grid_of(scenario, t, number // nodes, hold, closing=-1.0 if half else 1.0)
     found = solve(grid, aim, every=max(1, samples * nodes // (COUNTED * periods)))
     return _unfold(found) if half else found
 
@@ -104,9 +104,9 @@ def _unfold(half: Optimum) -> Optimum:
     )
 
 
-def _common_period(case: Scenario) -> tuple[float, bool]:
+def _common_period(scenario: Scenario) -> tuple[float, bool]:
     """Return the period of road and force together [s], and whether half of it turns their sign."""
-    road, force = case.road, case.force
+    road, force = scenario.road, scenario.force
     if road.profile != "harmonic":
         raise ValueError(
             f"a steady motion needs a harmonic road, got {road.profile!r}; use episode_optimum"

@@ -47,21 +47,9 @@ class _Solution:
 
 
 def solve(grid: Grid, aim: Aim, *, every: int = 1) -> Optimum:
-    """Return the optimum on a grid.
+    """Return the optimum on a grid, the displacement limited at one node of `every` so many.
 
-    Parameters
-    ----------
-    grid : Grid
-        Nodes and maps.
-    aim : Aim
-        What is made small.
-    every : int, optional
-        Of how many nodes one limits the displacement; the mean square takes all.
-
-    Raises
-    ------
-    RuntimeError
-        If the solver fails.
+    The mean square takes all nodes. A solver that fails raises RuntimeError.
     """
     n, w = len(grid.kind), np.array(aim.weights)
     first = 0 if grid.start is None else 1  # unknown nodes: see `certificate.least`

@@ -159,9 +159,13 @@ def solutions(
     return points_at(here, roots, np.ones(roots.shape[1], dtype=bool))
 
 
-def balanced_start(cars: ForcedCars) -> ComplexArray:
-    """Return amplitudes (m, n) at the forcing frequency for `harmonic_balance.balance`."""
-    z = fixed_points(cars, form="rotating").z
+def balanced_start(cars: ForcedCars, z: Array | None = None) -> ComplexArray:
+    """Return amplitudes (m, n) at the forcing frequency for `harmonic_balance.balance`.
+
+    They are those of `z` (4, n), see `FixedPoints.z`, or of the fixed points in rotating form; of a
+    filter 0.
+    """
+    z = fixed_points(cars, form="rotating").z if z is None else z
     start = np.zeros((cars.dimension, len(cars)), dtype=np.complex128)
     start[0], start[1] = z[0] + 1j * z[1], z[2] + 1j * z[3]
     start[2:4] = 1j * cars.omega * start[:2]

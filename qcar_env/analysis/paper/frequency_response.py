@@ -9,6 +9,7 @@ harmonic balance     periodic motions of the full equations, stability from Floq
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
@@ -17,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.analysis import continuation
-from qcar_env.analysis.harmonic_balance import DENSE, MOST_HARMONICS, HarmonicBalance
-from qcar_env.analysis.paper.averaging import Form, SlowFlow, polar, two_amplitudes
+from qcar_env.analysis.harmonic_balance import MOST_HARMONICS, HarmonicBalance
+from qcar_env.analysis.paper.averaging import Form, SlowFlow, two_amplitudes
 from qcar_env.analysis.paper.fixed_points import (
     FixedPoints,
+    balanced_start,
     eigenvalues,
     fixed_points,
     points_at,
@@ -136,7 +138,8 @@ def response(
         tests = {"Hopf": _hopf_test(equations)}
     else:
         equations, name = _balance_equations(at, harmonics), f"{method}, {harmonics} harmonics"
-        z0 = _as_series(z0, some.dimension, harmonics)
+        amplitudes = balanced_start(at(start), z0[:, None])
+        z0 = _balance(at(start), 1, harmonics).unknowns(amplitudes)[:, 0]
         scale = _scale_of(some, "rotating")
         tests = {}
     branch = continuation.follow(
@@ -154,11 +157,10 @@ def response(
     for point in branch.points:
         if point.kind == "Hopf" and _is_real(equations, point):
             continue  # two opposite real eigenvalues: no change of stability
-        z = point.z[:, None]
-        a1, a2 = polar(z)[::2] if method == "averaging" else _peaks(z, harmonics)
-        special.append(
-            Bifurcation(kind=point.kind, value=point.p, a1=float(a1[0]), a2=float(a2[0]))
-        )
+        there = dataclasses.replace(branch, p=np.array([point.p]), z=point.z[:, None])
+        at_point = _motions(car, parameter, there, method, form, harmonics)
+        a1, a2 = float(at_point.a1[0]), float(at_point.a2[0])
+        special.append(Bifurcation(kind=point.kind, value=point.p, a1=a1, a2=a2))
     return Response(
         parameter=parameter,
         method=name,
@@ -197,26 +199,16 @@ def _averaging_equations(at: Callable[[float], ForcedCars], form: Form) -> conti
     )
 
 
+def _balance(cars: ForcedCars, n: int, harmonics: int) -> HarmonicBalance:
+    """Return the equations of one car for n motions."""
+    return HarmonicBalance(system=cars.select(np.zeros(n, dtype=int)), harmonics=harmonics)
+
+
 def _balance_equations(at: Callable[[float], ForcedCars], harmonics: int) -> continuation.Equations:
-    def equations(z: Array, p: float) -> HarmonicBalance:
-        cars = at(p).select(np.zeros(z.shape[1], dtype=int))
-        return HarmonicBalance(system=cars, harmonics=harmonics)
-
     return continuation.Equations(
-        residual=lambda z, p: equations(z, p).residual(z),
-        jacobian=lambda z, p: equations(z, p).jacobian(z),
+        residual=lambda z, p: _balance(at(p), z.shape[1], harmonics).residual(z),
+        jacobian=lambda z, p: _balance(at(p), z.shape[1], harmonics).jacobian(z),
     )
-
-
-def _as_series(z: Array, dimension: int, harmonics: int) -> Array:
-    """Return ``(Re A1, Im A1, Re A2, Im A2)`` as the unknowns of harmonic balance, filter at 0."""
-    k = 2 * harmonics + 1
-    series = np.zeros((dimension, k))
-    series[0, 1], series[0, 2] = z[0], -z[1]
-    series[1, 1], series[1, 2] = z[2], -z[3]
-    series[2, 1], series[2, 2] = -z[1], -z[0]  # v / omega = Re(i A exp(i omega t))
-    series[3, 1], series[3, 2] = -z[3], -z[2]
-    return series.ravel()
 
 
 def _scale_of(cars: ForcedCars, form: Form) -> float:
@@ -249,16 +241,6 @@ def _is_real(equations: continuation.Equations, point: continuation.SpecialPoint
     return bool(abs(nearest.imag) < 1e-6 * np.max(np.abs(at)))
 
 
-def _peaks(z: Array, harmonics: int) -> tuple[Array, Array]:
-    """Return the largest displacements (n,) of Fourier series in the columns of `z`."""
-    phase = 2.0 * np.pi * np.arange(DENSE) / DENSE
-    angle = np.arange(1, harmonics + 1)[:, None] * phase
-    series = np.empty((2 * harmonics + 1, DENSE))
-    series[0], series[1::2], series[2::2] = 1.0, np.cos(angle), np.sin(angle)
-    x1, x2 = z.reshape(-1, len(series), z.shape[1])[:2]
-    return np.max(np.abs(x1.T @ series), axis=1), np.max(np.abs(x2.T @ series), axis=1)
-
-
 def _motions(
     car: ForcedCar, parameter: str, branch: continuation.Branch, method: str, form: Form, h: int
 ) -> FixedPoints:
@@ -271,15 +253,14 @@ def _motions(
     cars, found = stack(list(sweep(car, parameter, branch.p))), np.ones(len(branch.p), dtype=bool)
     if method == "averaging":
         return points_at(SlowFlow(cars=cars, form=form), branch.z, found)
-    c = branch.z.reshape(cars.dimension, 2 * h + 1, len(cars))
-    at_zero = (c[:, 0] + np.sum(c[:, 1::2], axis=1)) * cars.scale
-    a1, a2 = _peaks(branch.z, h)
+    balanced = HarmonicBalance(system=cars, harmonics=h).motions(branch.z, found)
+    (a1, a2), (A1, A2) = balanced.peaks[:2], balanced.amplitude()[:2]
     return FixedPoints(
         a1=a1,
-        theta1=np.angle(c[0, 1] - 1j * c[0, 2]),
+        theta1=np.angle(A1),
         a2=a2,
-        theta2=np.angle(c[1, 1] - 1j * c[1, 2]),
-        eigenvalues=_exponents(cars, at_zero),
+        theta2=np.angle(A2),
+        eigenvalues=_exponents(cars, balanced.states(np.zeros(1))[:, :, 0]),
         converged=found,
     )
 
