@@ -20,7 +20,7 @@ import numpy as np
 
 from baselines import catalogue
 from qcar_env.analysis.optimum import Optimum, period_optimum
-from qcar_env.analysis.table1 import Cell, table1
+from qcar_env.analysis.paper.table1 import Cell, table1
 from qcar_env.control.law import Law
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.comparison import Outcome, outcome

@@ -13,17 +13,17 @@ from pathlib import Path
 
 import numpy as np
 
-from qcar_env.analysis import calibration, fidelity
-from qcar_env.analysis.forced_car import from_scenario
-from qcar_env.analysis.paper_experiments import trends, with_law
-from qcar_env.analysis.table1 import PRINTED, table1
+from qcar_env.analysis.paper import calibration, fidelity
+from qcar_env.analysis.paper.experiments import trends, with_law
+from qcar_env.analysis.paper.forced_car import from_scenario
+from qcar_env.analysis.paper.table1 import PRINTED, table1
 from qcar_env.control import CNVC
 from qcar_env.evaluation import storage
 from qcar_env.scenarios import Scenario, scenario
 
 ROOT = Path(__file__).parents[1]
 LIMITS = (1, 5, 10, 20)  # [rad/s] of |sigma| in the table of errors
-PROOFS = "`tests/analysis/test_averaging.py`"
+PROOFS = "`tests/analysis/paper/test_averaging.py`"
 # The printed paper's errors, and what shows each.
 ERRATA = (
     ("(17), (22), (26), (30)", "E3/omega2 should be E3/(2 omega2)", PROOFS),
@@ -34,7 +34,7 @@ ERRATA = (
     (
         "section 4.4",
         "'both eigenvalues' of a 4 x 4 matrix: all four; the Routh-Hurwitz conditions are right",
-        "`tests/analysis/test_stability.py`",
+        "`tests/analysis/paper/test_stability.py`",
     ),
     (
         "(2), E3",

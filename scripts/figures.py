@@ -22,12 +22,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from qcar_env.analysis import chaos, paper_experiments as experiments, stability
-from qcar_env.analysis.forced_car import ForcedCar, from_scenario, stack, sweep
-from qcar_env.analysis.frequency_response import Response, fixed_points, response
-from qcar_env.analysis.hardening import Hardening
+from qcar_env.analysis import chaos
+from qcar_env.analysis.paper import experiments, stability
+from qcar_env.analysis.paper.fixed_points import fixed_points
+from qcar_env.analysis.paper.forced_car import ForcedCar, from_scenario, stack, sweep
+from qcar_env.analysis.paper.frequency_response import Response, response
+from qcar_env.analysis.paper.hardening import Hardening
+from qcar_env.analysis.paper.table1 import table1
 from qcar_env.analysis.simulate import Simulation
-from qcar_env.analysis.table1 import table1
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import Law
 from qcar_env.evaluation import storage

@@ -19,8 +19,8 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from qcar_env.analysis.forced_car import ForcedCar
-from qcar_env.analysis.frequency_response import response
+from qcar_env.analysis.paper.forced_car import ForcedCar
+from qcar_env.analysis.paper.frequency_response import response
 from qcar_env.control import CNVC, LNVC, Passive
 from qcar_env.physics.car import QuarterCar
 from qcar_env.physics.linear import modes

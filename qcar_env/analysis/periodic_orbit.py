@@ -16,9 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.analysis.averaging import numerical_jacobian
 from qcar_env.analysis.harmonic_balance import MOST_SAMPLES, PeriodicSystem, of_each_state
-from qcar_env.analysis.newton import newton
+from qcar_env.analysis.newton import newton, numerical_jacobian
 from qcar_env.physics.rk4 import rk4_step, step_fractions
 from qcar_env.validation import whole
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from qcar_env.analysis.forced_car import from_scenario, stack, sweep
 from qcar_env.analysis.harmonic_balance import balance
 from qcar_env.analysis.optimum import period_optimum
-from qcar_env.analysis.table1 import Cell
+from qcar_env.analysis.paper.forced_car import from_scenario, stack, sweep
+from qcar_env.analysis.paper.table1 import Cell
 from qcar_env.control.law import Law
 from qcar_env.evaluation.comparison import Outcome
 from qcar_env.evaluation.rollouts import Rollout

@@ -2,7 +2,7 @@
 
 import pytest
 
-from qcar_env.analysis.forced_car import ForcedCar
+from qcar_env.analysis.paper.forced_car import ForcedCar
 from qcar_env.scenarios import scenario
 
 

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from qcar_env.analysis.optimum import crossing_optimum, period_optimum
+from qcar_env.analysis.optimum import episode_optimum, period_optimum
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.physics import linear, roads
 from qcar_env.physics.external_force import ExternalForce
@@ -180,14 +180,14 @@ def test_no_common_period_and_no_period_are_refused():
     other = dataclasses.replace(PAPER, force=ExternalForce(f=1.0, Omega=55.0 * np.pi))
     with pytest.raises(ValueError, match="must share a period"):
         period_optimum(other)
-    with pytest.raises(ValueError, match="needs a harmonic road, got 'hump'; use crossing_optimum"):
+    with pytest.raises(ValueError, match="needs a harmonic road, got 'hump'; use episode_optimum"):
         period_optimum("paper-hump")
 
 
 @pytest.mark.parametrize("name", ["paper-hump", "mathworks-hump", "mathworks-train"])
-def test_the_environment_confirms_the_force_of_a_crossing(name):
+def test_the_environment_confirms_the_force_of_an_episode(name):
     case = scenario(name)
-    found = crossing_optimum(case, duration=1.5)
+    found = episode_optimum(case, duration=1.5)
     env = QuarterCarHumpEnv(case, duration=1.5)
     env.reset(seed=0, options={"state": np.zeros(4)})
     times = found.t[0] + case.dt * np.arange(300)
@@ -202,24 +202,24 @@ def test_the_environment_confirms_the_force_of_a_crossing(name):
     assert np.all(np.abs(np.array(states) - expected) <= atol)
 
 
-def test_a_crossing_is_bounded_and_knowing_more_time_helps():
+def test_an_episode_is_bounded_and_knowing_more_time_helps():
     case = scenario("mathworks-hump")
-    found = crossing_optimum(case, duration=2.0)
+    found = episode_optimum(case, duration=2.0)
     assert found.gap < 1e-6
     assert found.bound <= found.upper
-    assert found.upper < 1.0  # the uncontrolled crossing
-    body = crossing_optimum(case, duration=2.0, weights=(0.0, 1.0))
+    assert found.upper < 1.0  # the uncontrolled episode
+    body = episode_optimum(case, duration=2.0, weights=(0.0, 1.0))
     assert body.upper < 0.05  # a suspension actuator can all but still the body
-    late = crossing_optimum(case, duration=2.0, after=1.5)
+    late = episode_optimum(case, duration=2.0, after=1.5)
     assert late.value < found.value
 
 
-def test_brute_force_over_a_short_crossing_finds_nothing_better():
+def test_brute_force_over_a_short_episode_finds_nothing_better():
     case = CAR
     levels = np.linspace(-1.0, 1.0, 21)
     forces = np.array(list(itertools.product(levels, repeat=4)))
     start = np.array([0.02, 0.03, 0.0, -0.5])
-    found = crossing_optimum(case, state=start, duration=0.2, dt=0.05, inside=2)
+    found = episode_optimum(case, state=start, duration=0.2, dt=0.05, inside=2)
     step = linear.exact_transition(case.car, case.road, case.force, 0.025)
     push = np.array(case.actuator.specific_limits(case.car))
     x = np.tile(start, (len(forces), 1))
@@ -234,15 +234,15 @@ def test_brute_force_over_a_short_crossing_finds_nothing_better():
     assert found.bound <= found.value
 
 
-def test_a_long_crossing_comes_near_the_periodic_optimum_from_below():
+def test_a_long_episode_comes_near_the_periodic_optimum_from_below():
     periodic = period_optimum(limited(0.5))
     free = linear.steady_state(PAPER.car, PAPER.road, PAPER.force)
-    crossing = crossing_optimum(
+    episode = episode_optimum(
         limited(0.5), state=periodic.x[0], duration=10 * 2 * np.pi / 55, dt=2 * np.pi / 55 / 64
     )
     # It may follow the periodic force, and it need not come back to where it began.
-    assert crossing.value <= periodic.upper
-    uncontrolled = crossing_optimum(limited(1e-6), state=free.state(0.0), duration=1.0)
+    assert episode.value <= periodic.upper
+    uncontrolled = episode_optimum(limited(1e-6), state=free.state(0.0), duration=1.0)
     assert uncontrolled.value == pytest.approx(1.0, abs=2e-3)  # a node within 0.06 rad of each peak
 
 
@@ -265,7 +265,7 @@ def test_speed():
 def test_speed_of_two_thousand_steps(scale):
     for work in (
         lambda: period_optimum(limited(scale), samples=2000),
-        lambda: crossing_optimum(
+        lambda: episode_optimum(
             SCENARIOS["paper-hump"].with_force_scale(scale), duration=10.0, dt=0.005
         ),
     ):
@@ -313,6 +313,6 @@ def test_bad_arguments(arguments, message):
         ({"duration": 1.0, "after": 1.0}, "after must be below the duration"),
     ],
 )
-def test_bad_arguments_of_a_crossing(arguments, message):
+def test_bad_arguments_of_an_episode(arguments, message):
     with pytest.raises(ValueError, match=message):
-        crossing_optimum("paper-hump", **arguments)
+        episode_optimum("paper-hump", **arguments)

@@ -248,7 +248,7 @@ def test_laws_that_take_energy_out_leave_a_real_car_stable(law):
 def test_linear_velocity_feedback_adds_to_the_damping(G1, G2):
     """On (3)-(4) the gains stand beside b1 and, on v2 alone, beside b2."""
     found = closed_loop_matrix(LNVC(G1=G1, G2=G2), PAPER)[:4, :4]
-    expected = linear.system_matrix(PAPER) - np.diag([0.0, 0.0, G1, G2])
+    expected = linear.matrices(PAPER).A - np.diag([0.0, 0.0, G1, G2])
     assert found == pytest.approx(expected, rel=1e-15)
 
 

@@ -42,10 +42,10 @@ def test_skyhook_calms_the_body_of_a_real_car_and_groundhook_the_wheel():
     ratio = car.m2 / car.m1
 
     def damping(law):
-        a = linear.system_matrix(car)
+        plant = linear.matrices(car)
         unit = np.eye(4)
         u = np.array(forces(law, State(*unit)))
-        values = np.linalg.eigvals(a + linear.input_matrix() @ u)
+        values = np.linalg.eigvals(plant.A + plant.B @ u)
         order = np.argsort(np.abs(values))
         return -values.real[order[0]], -values.real[order[-1]]
 

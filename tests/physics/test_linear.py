@@ -27,15 +27,54 @@ UNDAMPED = QuarterCar.from_physical(60.0, 300.0, 190e3, 16e3, 0.0, 0.0)
 harmonic = st.builds(roads.harmonic, h=st.floats(-0.2, 0.2), omega=st.floats(1.0, 100.0))
 
 
+def test_the_matrices_are_those_of_equations_3_and_4():
+    found = linear.matrices(PAPER)
+    np.testing.assert_array_equal(
+        found.A,
+        [[0, 0, 1, 0], [0, 0, 0, 1], [-(55.0**2), 0.5, -8.7, 3.4], [0.5, -(55.0**2), 0.71, -0.71]],
+    )
+    np.testing.assert_array_equal(found.B, [[0, 0], [0, 0], [1, 0], [0, 1]])
+    np.testing.assert_array_equal(found.R, [[0, 0, 0], [0, 0, 0], [2510, 16, 0], [0, 0, 1]])
+
+
 @given(...)
-def test_the_matrices_are_those_of_the_equations(car: QuarterCar, x: State):
+def test_the_matrices_stand_for_the_rate(car: QuarterCar, x: State):
     u, w = np.array([3.0, -5.0]), (0.1, -2.0, 7.0)
     expected = rate(x, forcing_by(*w, car), *u, car)
-    found = linear.system_matrix(car) @ np.array(x)
-    found = found + linear.input_matrix() @ u + linear.forcing_matrix(car) @ np.array(w)
+    plant = linear.matrices(car)
+    found = plant.A @ np.array(x) + plant.B @ u + plant.R @ np.array(w)
     # a dozen terms in another order, each rounded to 1.1e-16 of the largest
-    scale = np.max(np.abs(linear.system_matrix(car))) * (np.max(np.abs(x)) + 1.0) + 1e4
+    scale = np.max(np.abs(plant.A)) * (np.max(np.abs(x)) + 1.0) + 1e4
     assert found == pytest.approx(np.array(expected), abs=1e-14 * scale)
+
+
+@pytest.mark.parametrize(
+    ("extra", "named"),
+    [  # what joins x2'': a cubic spring, friction, a stop at 0.5 m, an offset, two mixtures
+        (lambda x, u1: -1e-3 * (x.x2 - x.x1) * (x.x2 - x.x1) * (x.x2 - x.x1), "x1, x2"),
+        (lambda x, u1: -1e-3 * abs(x.v2 - x.v1), "v1, v2"),
+        (lambda x, u1: -1e3 * (x.x2 > 0.5) * (x.x2 - 0.5), "x2"),
+        (lambda x, u1: 9.81, "x1, x2, v1, v2, u1, u2, y, y', F"),
+        (lambda x, u1: 1e-3 * x.v1 * u1, "the inputs taken together"),
+        (lambda x, u1: 1e-3 * x.x1 * x.v2, "the inputs taken together"),
+    ],
+)
+def test_a_plant_that_is_not_linear_is_refused_by_name(monkeypatch, extra, named):
+    def bent(x, forcing, u1, u2, car):
+        found = rate(x, forcing, u1, u2, car)
+        return found._replace(v2=found.v2 + extra(x, u1))
+
+    monkeypatch.setattr(linear, "rate", bent)
+    message = f"the car must be linear, got x2'' out of proportion to {named}; give it linear parts"
+    for refuse in (
+        lambda: linear.matrices(PAPER),
+        lambda: linear.poles(PAPER),
+        lambda: linear.steady_state(PAPER, PAPER_ROAD, PAPER_FORCE),
+        lambda: linear.exact_transition(PAPER, PAPER_ROAD, PAPER_FORCE, 0.005),
+        lambda: linear.rk4_transition(PAPER, PAPER_ROAD, PAPER_FORCE, 0.005, 4),
+    ):
+        with pytest.raises(ValueError, match=message):
+            refuse()
 
 
 # Transitions ------------------------------------------------------------------------------------
@@ -209,7 +248,7 @@ def test_the_steady_state_obeys_the_equations_of_motion(car, road, force, t):
     w = forcing_by(float(road.height(t)), float(road.rate(t)), float(force.value(t)), car)
     expected = rate(State(*steady.state(t)), w, 0.0, 0.0, car)
     # the solve loses what the condition of i omega - A takes, which is largest near resonance
-    scale = np.max(np.abs(linear.system_matrix(car))) * sum(np.max(np.abs(X)) for X, _ in omegas)
+    scale = np.max(np.abs(linear.matrices(car).A)) * sum(np.max(np.abs(X)) for X, _ in omegas)
     assert xdot == pytest.approx(np.array(expected), abs=1e-10 * (scale + 1.0))
 
 
@@ -223,7 +262,7 @@ def test_the_steady_state_obeys_the_equations_of_motion(car, road, force, t):
     ],
 )
 def test_a_long_integration_ends_in_the_steady_state(car, road, force, settle):
-    A, R = linear.system_matrix(car), linear.forcing_matrix(car)
+    A, R = linear.matrices(car).A, linear.matrices(car).R
     h, omega, f, Omega = road.h, road.omega, force.f, force.Omega
 
     def derivative(t, x):

@@ -9,7 +9,7 @@ import pytest
 import agents.load
 from baselines import catalogue
 from qcar_env import scenario
-from qcar_env.analysis.table1 import table1
+from qcar_env.analysis.paper.table1 import table1
 from scripts import compare
 
 HUMP = ["--scenario", "mathworks-hump", "--duration", "1.5"]

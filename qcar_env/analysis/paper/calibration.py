@@ -20,16 +20,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from qcar_env.analysis.forced_car import ForcedCar, stack
-from qcar_env.analysis.frequency_response import balanced_start, fixed_points
 from qcar_env.analysis.harmonic_balance import balance
-from qcar_env.analysis.table1 import PRINTED, PrintedRow
+from qcar_env.analysis.paper.fixed_points import balanced_start, fixed_points
+from qcar_env.analysis.paper.forced_car import ForcedCar, stack
+from qcar_env.analysis.paper.table1 import PRINTED, PrintedRow
 from qcar_env.control import CNVC, NDF, PPF, Passive
 from qcar_env.control.law import Law
 from qcar_env.physics.car import QuarterCar
 from qcar_env.validation import entries, finite, non_negative, positive, shown, store
 
 Array = NDArray[np.float64]
+
+COEFFICIENTS = ("b1", "b2", "E1", "E2", "E3", "mu1", "mu2")  # of the car, its frequencies apart
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,47 +59,31 @@ class Candidate:
         """Check every number."""
         for name in ("omega", "zeta_ndf", "zeta_ppf1", "zeta_ppf2"):
             store(self, **{name: positive(name, getattr(self, name))})
-        for name in ("b1", "b2", "E1", "E2", "E3", "mu1", "mu2"):
+        for name in COEFFICIENTS:
             store(self, **{name: non_negative(name, getattr(self, name))})
         store(self, f=finite("f", self.f), h=finite("h", self.h))
 
     def under(self, law: Law) -> ForcedCar:
         """Return the car under a law of Table 1, filters as calibrated."""
-        if isinstance(law, NDF):
+        if isinstance(law, (NDF, PPF)):
+            ndf = isinstance(law, NDF)
             law = dataclasses.replace(
                 law,
                 omega_f1=self.omega,
                 omega_f2=self.omega,
-                zeta1=self.zeta_ndf,
-                zeta2=self.zeta_ndf,
+                zeta1=self.zeta_ndf if ndf else self.zeta_ppf1,
+                zeta2=self.zeta_ndf if ndf else self.zeta_ppf2,
             )
-        if isinstance(law, PPF):
-            law = dataclasses.replace(
-                law,
-                omega_f1=self.omega,
-                omega_f2=self.omega,
-                zeta1=self.zeta_ppf1,
-                zeta2=self.zeta_ppf2,
-            )
-        car = QuarterCar(
-            omega1=self.omega,
-            omega2=self.omega,
-            b1=self.b1,
-            b2=self.b2,
-            E1=self.E1,
-            E2=self.E2,
-            E3=self.E3,
-            mu1=self.mu1,
-            mu2=self.mu2,
-        )
+        shared = {name: getattr(self, name) for name in COEFFICIENTS}
+        car = QuarterCar(omega1=self.omega, omega2=self.omega, **shared)
         return ForcedCar(car=car, h=self.h, f=self.f, omega=self.omega, law=law)
 
 
 def candidate_of(car: ForcedCar) -> Candidate:
     """Return the candidate that a worst-case car is, with the filters' default damping."""
-    c = car.car
     return Candidate(
-        omega=car.omega, b1=c.b1, b2=c.b2, E1=c.E1, E2=c.E2, E3=c.E3, mu1=c.mu1, mu2=c.mu2,
+        omega=car.omega,
+        **{name: getattr(car.car, name) for name in COEFFICIENTS},
         f=car.f, h=car.h, zeta_ndf=NDF().zeta1, zeta_ppf1=PPF().zeta1, zeta_ppf2=PPF().zeta2,
     )  # fmt: skip
 

@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.analysis.chaos import largest_lyapunov_exponent
-from qcar_env.analysis.forced_car import ForcedCar, from_scenario, stack, sweep
-from qcar_env.analysis.frequency_response import eigenvalues, fixed_points, solutions
-from qcar_env.analysis.paper_experiments import (
+from qcar_env.analysis.paper.experiments import (
     SETTLED,
     STEP,
     Errors,
@@ -26,9 +24,12 @@ from qcar_env.analysis.paper_experiments import (
     transient,
     with_law,
 )
+from qcar_env.analysis.paper.fixed_points import eigenvalues, fixed_points, solutions
+from qcar_env.analysis.paper.forced_car import ForcedCar, from_scenario, stack, sweep
+from qcar_env.analysis.paper.jacobian import jacobian_entries
+from qcar_env.analysis.paper.stability import contraction_margin
+from qcar_env.analysis.paper.table1 import PRINTED
 from qcar_env.analysis.simulate import Steady, steady_amplitudes
-from qcar_env.analysis.stability import contraction_margin, jacobian_entries
-from qcar_env.analysis.table1 import PRINTED
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import Law
 from qcar_env.scenarios import Scenario
@@ -276,11 +277,8 @@ def _height(car: ForcedCar) -> Claim:
     return Claim(
         where="Fig. 10",
         paper="the amplitudes depend on h, omega and f",
-        ours="averaged a1 "
-        + ", ".join(f"{a:.3f}" for a in points.a1)
-        + " m and a2 "
-        + ", ".join(f"{a:.4f}" for a in points.a2)
-        + " m at h = 0.05, 0.1, 0.2 m",
+        ours=f"averaged a1 {_row(points.a1, '.3f')} m and a2 {_row(points.a2, '.4f')} m "
+        f"at h = {_row(h, 'g')} m",
         agreement="partly",
         reason="the wheel's grows; the body's hardly, since E3 couples it weakly in the preset",
     )
@@ -294,13 +292,8 @@ def _frequencies(car: ForcedCar) -> Claim:
     return Claim(
         where="Fig. 9, section 7(6)",
         paper="amplitude falls as omega = omega1 = omega2 = Omega grows, with control",
-        ours="a1 "
-        + ", ".join(f"{a:.3f}" for a in points.a1)
-        + " m, a2 "
-        + ", ".join(f"{a:.4f}" for a in points.a2)
-        + " m at "
-        + ", ".join(f"{w:g}" for w in omega)
-        + " rad/s",
+        ours=f"a1 {_row(points.a1, '.3f')} m, a2 {_row(points.a2, '.4f')} m at "
+        f"{_row(omega, 'g')} rad/s",
         agreement="yes" if falling else "no",
         reason="",
     )
@@ -352,3 +345,7 @@ def _worst_case() -> Claim:
 
 def _gain(law: Law) -> float:
     return float(law.gains[0])
+
+
+def _row(values: Array, form: str) -> str:
+    return ", ".join(f"{value:{form}}" for value in values)

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from qcar_env.analysis.averaging import SlowFlow, average_force, slow_motion
-from qcar_env.analysis.forced_car import ForcedCar, ForcedCars, Gains, stack, sweep
-from qcar_env.analysis.frequency_response import fixed_points
-from qcar_env.analysis.hardening import Hardening
-from qcar_env.analysis.stability import JacobianEntries, jacobian_entries
+from qcar_env.analysis.paper.averaging import SlowFlow, slow_motion
+from qcar_env.analysis.paper.describing_functions import average_force
+from qcar_env.analysis.paper.fixed_points import fixed_points
+from qcar_env.analysis.paper.forced_car import ForcedCar, ForcedCars, Gains, stack, sweep
+from qcar_env.analysis.paper.hardening import Hardening
+from qcar_env.analysis.paper.jacobian import JacobianEntries, jacobian_entries
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.physics.car import QuarterCar
 from qcar_env.physics.state import Filter

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.analysis.averaging import Form
-from qcar_env.analysis.forced_car import ForcedCar
-from qcar_env.analysis.frequency_response import Method, Response, response
+from qcar_env.analysis.paper.averaging import Form
+from qcar_env.analysis.paper.forced_car import ForcedCar
+from qcar_env.analysis.paper.frequency_response import Method, Response, response
 from qcar_env.analysis.simulate import steady_amplitudes
 from qcar_env.physics.state import State
 from qcar_env.validation import finite_array, known, shown
@@ -148,7 +148,7 @@ def response_curves(
     settings : mapping or sequence of mappings
         Values of each other parameter (all combinations), or the settings one by one.
     method, form, longest
-        See `qcar_env.analysis.frequency_response.response`.
+        See `qcar_env.analysis.paper.frequency_response.response`.
 
     Returns
     -------

@@ -16,17 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.analysis.averaging import SlowMotion, slow_motion
-from qcar_env.analysis.forced_car import ALL_FREQUENCIES, ForcedCar, stack, sweep
-from qcar_env.analysis.frequency_response import (
-    FixedPoints,
-    Response,
-    balanced_start,
-    fixed_points,
-    response,
-)
 from qcar_env.analysis.harmonic_balance import balance
-from qcar_env.analysis.parameter_study import Curve, response_curves
+from qcar_env.analysis.paper.averaging import SlowMotion, slow_motion
+from qcar_env.analysis.paper.fixed_points import FixedPoints, balanced_start, fixed_points
+from qcar_env.analysis.paper.forced_car import ALL_FREQUENCIES, ForcedCar, stack, sweep
+from qcar_env.analysis.paper.frequency_response import Response, response
+from qcar_env.analysis.paper.parameter_study import Curve, response_curves
 from qcar_env.analysis.simulate import Simulation, simulate, steady_amplitudes
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import Law

@@ -6,10 +6,10 @@ import time
 import numpy as np
 import pytest
 
-from qcar_env.analysis.forced_car import from_scenario, stack, sweep
-from qcar_env.analysis.frequency_response import balanced_start
 from qcar_env.analysis.harmonic_balance import balance
-from qcar_env.analysis.parameter_study import cases, response_curves, simulated_amplitudes
+from qcar_env.analysis.paper.fixed_points import balanced_start
+from qcar_env.analysis.paper.forced_car import from_scenario, stack, sweep
+from qcar_env.analysis.paper.parameter_study import cases, response_curves, simulated_amplitudes
 from qcar_env.control import CNVC, PPF
 from qcar_env.physics.state import State
 from qcar_env.scenarios import scenario

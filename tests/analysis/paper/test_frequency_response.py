@@ -5,15 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from qcar_env.analysis.forced_car import ForcedCar, stack, sweep
-from qcar_env.analysis.frequency_response import (
-    balanced_start,
-    fixed_points,
-    response,
-    solutions,
-)
-from qcar_env.analysis.hardening import Hardening
+from qcar_env.analysis import continuation
 from qcar_env.analysis.harmonic_balance import balance
+from qcar_env.analysis.paper.fixed_points import balanced_start, fixed_points, solutions
+from qcar_env.analysis.paper.forced_car import ForcedCar, stack, sweep
+from qcar_env.analysis.paper.frequency_response import response
+from qcar_env.analysis.paper.hardening import Hardening
 from qcar_env.analysis.simulate import steady_amplitudes
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.physics import linear
@@ -294,3 +291,14 @@ def test_a_solver_that_stops_says_where_and_keeps_what_it_has(paper):
     assert "sigma2: points ran out at p = " in curve.message
     assert curve.values.size == 20
     assert curve.eigenvalues.shape == (20, 4)
+
+
+@pytest.mark.parametrize("method", ["averaging", "harmonic balance"])
+def test_a_branch_without_a_start_is_empty_and_says_so(paper, monkeypatch, method):
+    nothing = continuation.Branch(
+        p=np.empty(0), z=np.empty((4, 0)), points=(), complete=False, message="no solution found"
+    )
+    monkeypatch.setattr(continuation, "follow", lambda *args, **options: nothing)
+    curve = response(paper, "sigma1", -1.0, 1.0, method=method)
+    assert (curve.values.size, curve.stable.size, curve.complete) == (0, 0, False)
+    assert curve.message == "sigma1: no solution found"

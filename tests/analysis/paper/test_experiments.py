@@ -6,8 +6,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from qcar_env.analysis import fidelity, paper_experiments as experiments
-from qcar_env.analysis.hardening import Hardening
+from qcar_env.analysis.paper import experiments, fidelity
+from qcar_env.analysis.paper.hardening import Hardening
 from qcar_env.control import CNVC, Passive
 from qcar_env.scenarios import scenario
 

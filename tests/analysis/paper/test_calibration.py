@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from qcar_env.analysis import calibration
-from qcar_env.analysis.table1 import table1
+from qcar_env.analysis.paper import calibration
+from qcar_env.analysis.paper.table1 import table1
 from qcar_env.control import NDF, PPF
 from qcar_env.scenarios import scenario
 

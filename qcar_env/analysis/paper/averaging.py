@@ -30,7 +30,7 @@ the filter's own modes (Floquet multipliers do, see `qcar_env.analysis.periodic_
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import dataclasses
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -38,27 +38,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import solve_ivp
 
-from qcar_env.analysis.forced_car import ForcedCar, ForcedCars, Gains, stack
-from qcar_env.analysis.hardening import Hardening
-from qcar_env.control.cnvc import CNVC
-from qcar_env.control.law import REST
-from qcar_env.control.lnvc import LNVC
-from qcar_env.control.ndf import NDF
-from qcar_env.control.passive import Passive
-from qcar_env.control.pd import PD
-from qcar_env.control.ppf import PPF
-from qcar_env.physics.state import Filter, State
-from qcar_env.validation import entries, finite_array, known, shown, whole
+from qcar_env.analysis.newton import numerical_jacobian
+from qcar_env.analysis.paper.describing_functions import average_force, described_force
+from qcar_env.analysis.paper.forced_car import ForcedCar, ForcedCars, stack
+from qcar_env.validation import entries, finite_array, known, shown
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 Form = Literal["frozen", "natural", "rotating"]
 FORMS: tuple[Form, ...] = ("frozen", "natural", "rotating")
-
-# Fourier sums over this many samples of a period are exact for polynomial laws up to degree 62.
-SAMPLES = 64
-MOST_SAMPLES = 1_000_000  # chosen here
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,11 +151,11 @@ class SlowFlow:
     def force(self, A1: ComplexArray, A2: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """Return the complex amplitudes of the law's forces [m/s^2] for those of x1, x2 [m]."""
         w1, w2 = self.frequencies
-        describe = DESCRIBING_FUNCTIONS.get(type(self.cars.law))
-        if describe is None or self.numerical:
-            return average_force(self.cars.gains, A1, A2, omega1=w1, omega2=w2)
-        D1, D2 = describe(np.abs(A1), np.abs(A2), w1, w2, self.cars.gains.values)
-        return D1 * A1, D2 * A2
+        law, gains = type(self.cars.law), self.cars.gains
+        found = described_force(law, gains, A1, A2, omega1=w1, omega2=w2)
+        if found is None or self.numerical:
+            return average_force(gains, A1, A2, omega1=w1, omega2=w2)
+        return found
 
     def flow(self, z: Array) -> Array:
         """Return the rate of ``z = (Re A1, Im A1, Re A2, Im A2)`` with ``A = a exp(i theta)``.
@@ -193,12 +182,7 @@ class SlowFlow:
     def _flow_of_repeated(self, z: Array) -> Array:
         repeats = z.shape[1] // len(self.cars)
         index = np.tile(np.arange(len(self.cars)), repeats)
-        return SlowFlow(
-            cars=self.cars.select(index),
-            form=self.form,
-            printed=self.printed,
-            numerical=self.numerical,
-        ).flow(z)
+        return dataclasses.replace(self, cars=self.cars.select(index)).flow(z)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -303,199 +287,3 @@ def polar(z: Array) -> tuple[Array, Array, Array, Array]:
         np.hypot(z[2], z[3]),
         np.arctan2(z[3], z[2]),
     )
-
-
-def describe_none(a1: Array, a2: Array, w1: Array, w2: Array, gains: Any) -> Any:
-    """Return ``D = 0`` for both masses."""
-    zero = np.zeros_like(a1) * 1j
-    return zero, zero
-
-
-def describe_cnvc(a1: Array, a2: Array, w1: Array, w2: Array, gains: Any) -> Any:
-    """Return ``D_i = -(3/4) i G_i omega^3 a_i^2`` [1/s^2].
-
-    ``v^3 = -omega^3 a^3 sin^3(psi)`` and ``sin^3 = (3 sin(psi) - sin(3 psi))/4``.
-    """
-    return (
-        -0.75j * gains.G1 * w1 * w1 * w1 * a1 * a1,
-        -0.75j * gains.G2 * w2 * w2 * w2 * a2 * a2,
-    )
-
-
-def describe_lnvc(a1: Array, a2: Array, w1: Array, w2: Array, gains: Any) -> Any:
-    """Return ``D_i = -i G_i omega`` [1/s^2], at every amplitude."""
-    return -1j * gains.G1 * w1 + 0.0 * a1, -1j * gains.G2 * w2 + 0.0 * a2
-
-
-def describe_pd(a1: Array, a2: Array, w1: Array, w2: Array, gains: Any) -> Any:
-    """Return ``D_i = -(p_i + i d_i omega)`` [1/s^2], at every amplitude."""
-    return (
-        -(gains.p1 + 1j * gains.d1 * w1) + 0.0 * a1,
-        -(gains.p2 + 1j * gains.d2 * w2) + 0.0 * a2,
-    )
-
-
-def describe_ppf(a1: Array, a2: Array, w1: Array, w2: Array, gains: Any) -> Any:
-    """Return ``D_i = G_i omega_f^2 / (omega_f^2 - omega^2 + 2 i zeta omega_f omega)`` [1/s^2]."""
-    return (
-        gains.G1 * gains.stiffness1 / (gains.stiffness1 - w1 * w1 + 1j * gains.damping1 * w1)
-        + 0.0 * a1,
-        gains.G2 * gains.stiffness2 / (gains.stiffness2 - w2 * w2 + 1j * gains.damping2 * w2)
-        + 0.0 * a2,
-    )
-
-
-def describe_ndf(a1: Array, a2: Array, w1: Array, w2: Array, gains: Any) -> Any:
-    """Return ``D_i = G_i omega_f omega^2 / (omega_f^2 - omega^2 + 2 i zeta omega_f omega)``.
-
-    [1/s^2]. At ``omega = omega_f`` this is ``-i omega G/(2 zeta)``: velocity feedback.
-    """
-    f1, f2 = gains.omega_f1, gains.omega_f2
-    return (
-        gains.G1 * f1 * w1 * w1 / (f1 * f1 - w1 * w1 + 1j * gains.damping1 * w1) + 0.0 * a1,
-        gains.G2 * f2 * w2 * w2 / (f2 * f2 - w2 * w2 + 1j * gains.damping2 * w2) + 0.0 * a2,
-    )
-
-
-def describe_hardening(a1: Array, a2: Array, w1: Array, w2: Array, gains: Any) -> Any:
-    """Return ``D_i = -(3/4) (alpha_i + i G_i omega^3) a_i^2`` [1/s^2]."""
-    return (
-        -0.75 * (gains.alpha1 + 1j * gains.G1 * w1 * w1 * w1) * a1 * a1,
-        -0.75 * (gains.alpha2 + 1j * gains.G2 * w2 * w2 * w2) * a2 * a2,
-    )
-
-
-DESCRIBING_FUNCTIONS: dict[type, Callable[[Array, Array, Array, Array, Any], Any]] = {
-    Passive: describe_none,
-    CNVC: describe_cnvc,
-    LNVC: describe_lnvc,
-    PD: describe_pd,
-    PPF: describe_ppf,
-    NDF: describe_ndf,
-    Hardening: describe_hardening,
-}
-
-
-def average_force(
-    gains: Gains,
-    A1: ComplexArray,
-    A2: ComplexArray,
-    *,
-    omega1: Array,
-    omega2: Array,
-    samples: int = SAMPLES,
-) -> tuple[ComplexArray, ComplexArray]:
-    """Average any law over one period and return the complex amplitudes of its forces.
-
-    Parameters
-    ----------
-    gains : Gains
-        The law's functions and its gains, (n,).
-    A1, A2 : ndarray (n,)
-        Complex amplitudes of the displacements [m]: ``x = Re(A exp(i omega t))``.
-    omega1, omega2 : ndarray (n,)
-        Frequency that turns displacement into velocity on each mass [rad/s].
-    samples : int, optional
-        Samples of the period; the sum is exact for polynomial laws up to degree ``samples - 2``.
-
-    Returns
-    -------
-    tuple of ndarray (n,)
-        ``U1, U2`` [m/s^2]: the force at the frequency of the motion is ``Re(U exp(i omega t))``.
-
-    Raises
-    ------
-    ValueError
-        If the law's filter is not linear (its steady state is then not a transfer function).
-
-    Notes
-    -----
-    A law may mix both masses' readings. For smooth laws the sum converges faster than any power
-    of `samples`; for a law with a kink (saturation) the error falls as ``samples^-2``.
-    """
-    samples = whole("samples", samples, 4, MOST_SAMPLES)
-    phase = 2.0 * np.pi * np.arange(samples) / samples
-    turn = np.exp(1j * phase)
-
-    def sampled(amplitude: ComplexArray) -> Array:
-        return (amplitude[:, None] * turn).real
-
-    x = State(
-        sampled(A1),
-        sampled(A2),
-        sampled(1j * omega1 * A1),
-        sampled(1j * omega2 * A2),
-    )
-    values = gains.values._make(np.asarray(g)[:, None] for g in gains.values)
-    eta = REST
-    if gains.filter_rate is not None:
-        eta = Filter(*(sampled(e) for e in _filter_amplitudes(gains, A1, A2, omega1, omega2)))
-    u1, u2 = gains.command(x, eta, values)
-    weight: ComplexArray = (2.0 / samples * np.conj(turn)).astype(np.complex128)
-    shape = (*np.broadcast(A1, A2).shape, samples)
-    U1: ComplexArray = (np.broadcast_to(u1, shape) @ weight).astype(np.complex128)
-    U2: ComplexArray = (np.broadcast_to(u2, shape) @ weight).astype(np.complex128)
-    return U1, U2
-
-
-def numerical_jacobian(function: Callable[[Array], Array], z: Array) -> Array:
-    """Differentiate a vectorised function by central differences.
-
-    Parameters
-    ----------
-    function : callable
-        Maps (m, k) to (m', k), column by column; called once, with all shifted columns, in the
-        order of the columns of `z` repeated ``2 m`` times.
-    z : ndarray (m, n)
-        Where.
-
-    Returns
-    -------
-    ndarray (n, m', m)
-
-    Notes
-    -----
-    The step is the cube root of the rounding unit times the largest entry of the column: the
-    relative error is about 1e-10 for entries of the size of the largest.
-    """
-    m, n = z.shape
-    step = np.cbrt(np.finfo(float).eps) * np.maximum(np.max(np.abs(z), axis=0), 1e-6)
-    shifts = step[None, None, :] * np.eye(m)[:, :, None]  # (component, shifted one, n)
-    columns = np.concatenate(
-        [(z[:, None, :] + shifts).reshape(m, -1), (z[:, None, :] - shifts).reshape(m, -1)], axis=1
-    )
-    values = function(columns).reshape(-1, 2, m, n)
-    slopes = (values[:, 0] - values[:, 1]) / (2.0 * step)
-    return np.moveaxis(slopes, 2, 0)
-
-
-def _filter_amplitudes(
-    gains: Gains, A1: ComplexArray, A2: ComplexArray, omega1: Array, omega2: Array
-) -> list[ComplexArray]:
-    """Return the filter's complex amplitudes, from its matrices found with unit vectors."""
-    filter_rate = gains.filter_rate
-    if filter_rate is None:
-        raise ValueError("the law has no filter")
-    n = len(A1)
-    values = gains.values._make(np.asarray(g)[:, None] for g in gains.values)
-
-    def rates(columns: Array) -> Array:
-        x, eta = State(*columns[:4, None, :]), Filter(*columns[4:, None, :])
-        shape = (n, columns.shape[1])
-        return np.array([np.broadcast_to(r, shape) for r in filter_rate(x, eta, values)])
-
-    unit = rates(np.eye(8))  # (4, n, 8)
-    probe = np.linspace(-1.0, 2.0, 8)
-    if not np.allclose(rates(probe[:, None])[:, :, 0], unit @ probe, rtol=1e-9, atol=1e-9):
-        raise ValueError(
-            "the law's filter is not linear, so it has no describing function; "
-            "use harmonic balance, which takes the filter's states as unknowns"
-        )
-    matrix = np.moveaxis(unit, 1, 0)  # (n, 4, 8)
-    eta = np.zeros((n, 4), dtype=np.complex128)
-    for columns, omega, A in ((slice(0, 4, 2), omega1, A1), (slice(1, 4, 2), omega2, A2)):
-        # each mass drives the filter at its own frequency
-        turning = 1j * omega[:, None, None] * np.eye(4) - matrix[:, :, 4:]
-        into = matrix[:, :, columns] @ np.array([A, 1j * omega * A]).T[:, :, None]
-        eta += np.linalg.solve(turning, into)[:, :, 0]
-    return [eta[:, i] for i in range(4)]
