@@ -407,4 +407,14 @@ def _equal(a: Source, b: Source) -> bool:
     )
 
 
-__all__ = ["DISABLED", "NEXT_STEP", "OVER", "SAME_STEP", "Cars", "Interval", "Plan", "Source", "streams"]
+__all__ = [
+    "DISABLED",
+    "NEXT_STEP",
+    "OVER",
+    "SAME_STEP",
+    "Cars",
+    "Interval",
+    "Plan",
+    "Source",
+    "streams",
+]

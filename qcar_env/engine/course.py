@@ -18,8 +18,8 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from qcar_env.engine.compile import compiled
-from qcar_env.physics.car_new import CarFunctions
-from qcar_env.physics.motion2 import (
+from qcar_env.physics.car import CarFunctions
+from qcar_env.physics.motion import (
     Input,
     Phasor,
     Phasors,
@@ -33,6 +33,8 @@ from qcar_env.physics.motion2 import (
     turning_step,
 )
 from qcar_env.physics.rk4 import rk4_step, step_fractions
+from qcar_env.roads.shapes import HalfSine, Sine, Step
+from qcar_env.roads.train import Train
 
 ENDLESS = 1e30  # [s] duration of a step; finite, so that 0 * ENDLESS is 0
 
@@ -100,7 +102,7 @@ def piece_phasor(kink: Any, road: Any) -> Phasor:
 def phasor_at(t: Any, kink: Any, road: Any) -> Phasor:
     """Return the phasor of a turning road at `t` [s], after which kink `kink` is the next."""
     if road.count == 0.0:
-        return angle(road.omega * t)
+        return angle(road.omega * (t - road.start))
     if kink % 2 == 0:
         return Phasor(0.0, 0.0)
     if road.omega == 0.0:
@@ -245,3 +247,44 @@ def _read(road: RoadFunctions, car: CarFunctions) -> Course:
         return x, w
 
     return Course(begin, amplitudes, phasor, next_kink, jump, after, reading, steps)
+
+
+# Turning roads by class --------------------------------------------------------------------------
+
+
+def sine_pieces(p: Any, speed: Any) -> Pieces:
+    """Return a `qcar_env.roads.shapes.Sine` in time."""
+    return Pieces(p.h, p.wavenumber * speed, p.start / speed, ENDLESS, 0.0, 0.0)
+
+
+def half_sine_pieces(p: Any, speed: Any) -> Pieces:
+    """Return a `HalfSine` in time."""
+    omega = p.wavenumber * speed
+    duration = math.pi / omega
+    return Pieces(p.h, omega, p.start / speed, duration, duration, 1.0)
+
+
+def step_pieces(p: Any, speed: Any) -> Pieces:
+    """Return a `Step` in time."""
+    return Pieces(p.h, 0.0, p.start / speed, ENDLESS, 0.0, 1.0)
+
+
+def train_pieces(p: Any, speed: Any) -> Pieces:
+    """Return a `Train` of half sines in time."""
+    one = half_sine_pieces(p.shape, speed)
+    return Pieces(one.h, one.omega, one.start, one.length, one.length + p.gap / speed, p.count)
+
+
+def road_functions(kind: type) -> RoadFunctions:
+    """Return the compiled interface of a class of roads."""
+    road: Any = kind
+    if road.turning:
+        for known, pieces in (
+            (Sine, sine_pieces),
+            (HalfSine, half_sine_pieces),
+            (Step, step_pieces),
+            (Train, train_pieces),
+        ):
+            if issubclass(kind, known):
+                return RoadFunctions(pieces=pieces)
+    return RoadFunctions(height=road.height, slope=road.slope, kink=road.kink, jump=road.jump)

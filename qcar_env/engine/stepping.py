@@ -42,8 +42,8 @@ from qcar_env.engine.starts import (
     drawn_motion,
     vary,
 )
-from qcar_env.physics.car_new import REST, CarFunctions
-from qcar_env.physics.motion2 import (
+from qcar_env.physics.car import REST, CarFunctions
+from qcar_env.physics.motion import (
     Phasor,
     Phasors,
     angle,

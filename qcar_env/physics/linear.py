@@ -14,14 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.dynamics import forcing_by, rate
+from qcar_env.physics.car import Car
 from qcar_env.physics.external_force import ExternalForce
-from qcar_env.physics.forcing import World, amplitudes_of, passage_of
-from qcar_env.physics.motion import half_step_angles, substep
+from qcar_env.physics.motion import Input, Phasor, Phasors, turning, turning_step
 from qcar_env.physics.rk4 import step_fractions
-from qcar_env.physics.roads import Phasor, Road
 from qcar_env.physics.state import State
+from qcar_env.roads.excitation import Excitation
 from qcar_env.validation import finite, positive, whole
 
 Array = NDArray[np.float64]
@@ -43,12 +41,12 @@ class Matrices:
     R: Array  # (4, 3) of the forcing ``w = (y, y', F)``
 
 
-def matrices(car: QuarterCar) -> Matrices:
+def matrices(car: Car) -> Matrices:
     """Read the matrices off the plant's rate, by applying it to unit vectors.
 
     Parameters
     ----------
-    car : QuarterCar
+    car : Car
         The plant.
 
     Returns
@@ -79,14 +77,17 @@ def matrices(car: QuarterCar) -> Matrices:
     return Matrices(A=each[:, :4], B=each[:, 4:6], R=each[:, 6:])
 
 
-def _rates(columns: Array, car: QuarterCar) -> Array:
+def _rates(columns: Array, car: Car) -> Array:
     """Return the rates of the state, (4, k), for columns (9, k) of `INPUTS`."""
     u1, u2, y, y_dot, F = columns[4:]
-    entries = rate(State(*columns[:4]), forcing_by(y, y_dot, F, car), u1, u2, car)
+    functions = car.functions
+    c = functions.prepare(car.numbers)
+    input = Input(functions.road_input(y, y_dot, c), F)
+    entries = functions.rate(State(*columns[:4]), input, u1, u2, c)
     return np.array(np.broadcast_arrays(*entries, columns[0])[:4])
 
 
-def poles(car: QuarterCar) -> NDArray[np.complex128]:
+def poles(car: Car) -> NDArray[np.complex128]:
     """Return the eigenvalues of the uncontrolled plant [1/s], shape (4,), slowest first."""
     values = np.linalg.eigvals(matrices(car).A).astype(np.complex128)
     order = np.lexsort((-values.imag, np.round(-values.real, 9)))
@@ -102,7 +103,7 @@ class Mode:
     shape: tuple[complex, complex]  # displacements of wheel and body, the larger one 1 [-]
 
 
-def modes(car: QuarterCar) -> tuple[Mode, ...]:
+def modes(car: Car) -> tuple[Mode, ...]:
     """Return the modes of the uncontrolled car, lowest frequency first.
 
     Returns
@@ -126,12 +127,12 @@ def modes(car: QuarterCar) -> tuple[Mode, ...]:
     return tuple(sorted(found, key=lambda mode: mode.frequency))
 
 
-def held_transition(car: QuarterCar, dt: float) -> tuple[Array, Array]:
+def held_transition(car: Car, dt: float) -> tuple[Array, Array]:
     """Return the exact map over `dt` under a held actuator force and no forcing.
 
     Parameters
     ----------
-    car : QuarterCar
+    car : Car
         The plant.
     dt : float
         Interval [s].
@@ -164,7 +165,7 @@ class Transition:
     dt: float  # [s]
 
 
-def exact_transition(car: QuarterCar, road: Road, force: ExternalForce, dt: float) -> Transition:
+def exact_transition(car: Car, road: Excitation, force: ExternalForce, dt: float) -> Transition:
     """Return the exact map over `dt` on one piece of the road (matrix exponential).
 
     Parameters
@@ -198,7 +199,7 @@ def exact_transition(car: QuarterCar, road: Road, force: ExternalForce, dt: floa
 
 
 def rk4_transition(
-    car: QuarterCar, road: Road, force: ExternalForce, dt: float, substeps: int
+    car: Car, road: Excitation, force: ExternalForce, dt: float, substeps: int
 ) -> Transition:
     """Return the map that `substeps` RK4 steps make of an interval `dt` (see `exact_transition`).
 
@@ -215,13 +216,15 @@ def rk4_transition(
     dt, substeps = positive("dt", dt, "s"), whole("substeps", substeps, most=1_000_000)
     unit = np.eye(10)
     x = State(*unit[:4])
-    u1, u2 = unit[4], unit[5]
-    world = World(Phasor(unit[6], unit[7]), Phasor(unit[8], unit[9]))
+    phasors = Phasors(Phasor(unit[6], unit[7]), Phasor(unit[8], unit[9]))
     step = step_fractions(dt / substeps)
-    amplitudes = amplitudes_of(road.h, road.omega, force.f, car)
-    passage = passage_of(half_step_angles(road.omega, force.Omega, step.full), amplitudes)
+    functions = car.functions
+    c = functions.prepare(car.numbers)
+    road_s = functions.road_input(road.h, 0.0, c)
+    road_c = functions.road_input(0.0, road.h * road.omega, c)
+    prepared = turning(road_s, road_c, force.f, road.omega, force.Omega, step.full)
     for _ in range(substeps):
-        x, world = substep(x, world, passage, amplitudes, step, u1, u2, car)
+        x, phasors = turning_step(functions.rate, x, phasors, prepared, step, unit[4], unit[5], c)
     m = np.array(x)
     return Transition(A=m[:, :4], B=m[:, 4:6], road=m[:, 6:8], force=m[:, 8:10], dt=dt)
 
@@ -252,7 +255,7 @@ class SteadyState:
         )
 
 
-def steady_state(car: QuarterCar, road: Road, force: ExternalForce) -> SteadyState:
+def steady_state(car: Car, road: Excitation, force: ExternalForce) -> SteadyState:
     """Return the steady motion of the uncontrolled car on a harmonic road.
 
     Parameters
@@ -270,9 +273,10 @@ def steady_state(car: QuarterCar, road: Road, force: ExternalForce) -> SteadySta
         If the road is not harmonic (a hump passes and a step settles), or if a forcing frequency
         meets an undamped mode.
     """
-    if road.profile != "harmonic":
+    if not road.harmonic:
         raise ValueError(
-            f"a steady state needs a harmonic road, got {road.profile!r}; use roads.harmonic"
+            f"a steady state needs a harmonic road, got {road.road}; give a Sine, for example "
+            "roads.excitation.harmonic(h=0.1, omega=55.0)"
         )
     plant = matrices(car)
     r = plant.R

@@ -9,7 +9,7 @@ from __future__ import annotations
 from functools import cache
 from typing import Any, NamedTuple
 
-from qcar_env.physics.car_new import CarFunctions
+from qcar_env.physics.car import CarFunctions
 
 
 class PlantState(NamedTuple):
