@@ -43,11 +43,13 @@ class Numbers(NamedTuple):
 class Reference(NamedTuple):
     """The uncontrolled motion, which scales starts and ends."""
 
-    A1: Any  # largest displacement of the wheel [m]
+    A1: Any  # amplitude of the wheel from which starts are drawn [m]
     A2: Any  # and of the body
     omega1: Any  # largest velocity of the wheel over A1 [1/s]
     omega2: Any  # and of the body over A2
-    travel: Any  # displacement that ends an episode over A [-]
+    X1: Any  # largest displacement of the wheel [m]
+    X2: Any  # and of the body
+    travel: Any  # displacement that ends an episode over these [-]
     penalty: Any  # what that costs [-]
 
 
@@ -76,8 +78,8 @@ class Fixed(NamedTuple):
     scales: Any
     terms: Any
     term_scales: Any
-    inverse_A1: Any  # [1/m]
-    inverse_A2: Any
+    inverse_X1: Any  # [1/m]
+    inverse_X2: Any
     travel: Any  # largest displacement over A [-]
     penalty: Any  # of leaving it [-]
 

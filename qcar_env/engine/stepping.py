@@ -226,8 +226,8 @@ def compose(what: Composition, single: bool) -> Kernels:
         """Return the costs, whether the car has left its travel, and what the terms have read."""
         measured = times(measure(now, fixed), fixed.term_scales)
         costs = costs_of(measured, before, fixed.terms)
-        inside1 = abs(now.x.x1 * fixed.inverse_A1) <= fixed.travel
-        inside2 = abs(now.x.x2 * fixed.inverse_A2) <= fixed.travel
+        inside1 = abs(now.x.x1 * fixed.inverse_X1) <= fixed.travel
+        inside2 = abs(now.x.x2 * fixed.inverse_X2) <= fixed.travel
         return costs, not (inside1 & inside2), measured
 
     @compiled
@@ -335,8 +335,8 @@ def compose(what: Composition, single: bool) -> Kernels:
             one.scales,
             one.terms,
             one.term_scales,
-            1.0 / reference.A1,
-            1.0 / reference.A2,
+            1.0 / reference.X1,
+            1.0 / reference.X2,
             reference.travel,
             reference.penalty,
         )

@@ -10,7 +10,7 @@ to the one it does to the other, and it feeds in the power ``F travel_rate``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from qcar_env.parts.part import UNLIMITED, Nothing, Part, clamp, most, number
@@ -48,6 +48,10 @@ class Actuator(Part):
     unit = "N"  # of the forces
     linear = False  # in action, memory and travel rate, while the action is within [-1, 1]
     State = Nothing
+
+    def scaled(self, scale: float) -> Any:
+        """Return the same actuator with `scale` [-] times its limits."""
+        return replace(self, limit=tuple(scale * each for each in self.limit))
 
     @property
     def at_rest(self) -> Any:
@@ -241,6 +245,10 @@ class _Valve(Actuator):
                 f"largest damping c_max must be at least c_min of {self.c_min:g} N s/m, "
                 f"got {self.c_max:g} N s/m; exchange them"
             )
+
+    def scaled(self, scale: float) -> Any:
+        """Return the damper with `scale` [-] times the range of its damping above the least."""
+        return replace(self, c_max=self.c_min + scale * (self.c_max - self.c_min))
 
     @property
     def limit(self) -> tuple[float, ...]:

@@ -87,6 +87,19 @@ def _rates(columns: Array, car: Car) -> Array:
     return np.array(np.broadcast_arrays(*entries, columns[0])[:4])
 
 
+def jacobian(car: Car) -> Array:
+    """Return the slope of the uncontrolled car's rate about its rest, shape (4, 4).
+
+    Of a linear car this is A. Elsewhere it is a central difference over 1e-6 m and m/s, to 1e-6 of
+    its size; a stop or a road that is not touched at rest does not count.
+    """
+    step = 1e-6
+    columns = np.zeros((len(INPUTS), 8))
+    columns[:4] = np.hstack([step * np.eye(4), -step * np.eye(4)])
+    found = _rates(columns, car)
+    return (found[:, :4] - found[:, 4:]) / (2.0 * step)
+
+
 def poles(car: Car) -> NDArray[np.complex128]:
     """Return the eigenvalues of the uncontrolled plant [1/s], shape (4,), slowest first."""
     values = np.linalg.eigvals(matrices(car).A).astype(np.complex128)
