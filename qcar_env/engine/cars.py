@@ -117,6 +117,7 @@ class Cars:
         self._sources = [plan.source]
         self._chosen = np.zeros(self.n, COUNT)
         self._gather()
+        self.uniforms = np.zeros((self.n, plan.source.count))  # what episodes were drawn from
         self._pool: ThreadPoolExecutor | None = None
         self._busy = False
         self._compile(kernels)
@@ -209,6 +210,9 @@ class Cars:
         used, self._chosen[...] = np.unique(self._chosen, return_inverse=True)
         self._sources = [self._sources[i] for i in used]
         self._gather()
+        most = max(each.count for each in self._sources)
+        if most > self.uniforms.shape[1]:
+            self.uniforms = np.pad(self.uniforms, ((0, 0), (0, most - self.uniforms.shape[1])))
 
     # Episodes ---------------------------------------------------------------------------------
 
@@ -242,6 +246,7 @@ class Cars:
             given,
             dt,
             n,
+            self.uniforms,
             seen,
         )
 

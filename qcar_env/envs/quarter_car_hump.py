@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
+import numba
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from qcar_env.envs import task
-from qcar_env.physics import engine, engine_sampled
+from qcar_env.engine.compile import aligned
+from qcar_env.engine.stepping import NOT_FINITE, OVER, compose
+from qcar_env.envs import episode as task
 from qcar_env.physics.state import State
-from qcar_env.scenarios import Scenario, scenario as find_scenario, vary
+from qcar_env.scenarios import Scenario, scenario as find_scenario
+from qcar_env.scenarios.files import to_json
 from qcar_env.validation import finite, known
 
 SHOWN = np.dtype(np.float32)
+ACTION = numba.types.Array(numba.types.float32, 1, "A")
 
 if TYPE_CHECKING:
     from qcar_env.envs.rendering import Picture, Renderer
@@ -113,6 +117,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         *,
         observe: task.Observe = "full",
         observe_limit: bool = False,
+        reward: task.RewardLike = "amplitudes",
         force_scale: float = 1.0,
         duration: float | None = None,
         render_mode: str | None = None,
@@ -122,43 +127,53 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.render_mode = render_mode
         self.caption = ("", "#0072B2")
         self._renderer: Renderer | None = None
-        known("observe", observe, task.OBSERVE)
-        self._observe: task.Observe = observe
-        self._observe_limit = bool(observe_limit)
-        self._force_scale = task.force_scale(force_scale)
-        self._duration = duration
+        self._spec: EnvSpec | None = None
+        self._settings = task.Settings(observe, bool(observe_limit), reward, duration, None)
         self._named = find_scenario(scenario)
-        self._base = self._configured(self._named, self._force_scale)
-        self._take(self._base)
-        self._episode: task.Factors | None = None
-        high = task.OBSERVATION_LIMIT
-        shape = (task.observation_size(observe, self._observe_limit),)
-        self.observation_space = gym.spaces.Box(-high, high, shape, np.float32)
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (self._base.actuator.size,), np.float32)
-        self._shape = shape
-        self._action_shape = (self._base.actuator.size,)
-        self._car = np.zeros(engine_sampled.ONE_CAR)
-        self._car[engine_sampled.DONE] = 1.0
+        self._force_scale = task.force_scale(force_scale)
+        self._take(self._named, self._force_scale)
+        self._started = False
+        high, plan = task.OBSERVATION_LIMIT, self._plan
+        self.observation_space = gym.spaces.Box(-high, high, (len(plan.observed),), np.float32)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
         self._compile()
+        kernels = self._kernels
+        self._slab = aligned((kernels.moving.size,))
+        self._clock = aligned((kernels.clock.size,))
+        self._fixed = aligned((kernels.fixed.size,))
+        self._clock[kernels.clock.find("clock.done")] = 1.0
+        self._uniforms = np.zeros(self._source.count)
+
+    def _take(self, named: Scenario, scale: float) -> None:
+        """Let the next episode begin with another scenario or force limit."""
+        plan = self._settings.plan(named, scale)
+        if hasattr(self, "_plan") and plan.composition != self._plan.composition:
+            raise ValueError(
+                f"scenario {named.name!r} is made of other parts than this environment's, or has "
+                "another number of actuators; make a new environment for it"
+            )
+        self._source = plan.source  # nothing changes before this is known to be good
+        self._plan, self._named, self._force_scale = plan, named, scale
+        self._base = plan.scenario
+        self._action_shape = (self._base.actuator.size,)
+        self._size, self._actions = len(plan.observed), self._base.actuator.size
+        self._dt, self._substeps = self._base.dt, self._base.substeps
+        self._keys = ("force", *(f"reward_{each.name}" for each in plan.terms), "reward_travel")
 
     def _compile(self) -> None:
-        functions: Any = task
-        kernels = engine_sampled.kernels(
-            functions,
-            task.observation_size(self._observe, False),
-            self._observe_limit,
-            self._base.actuator.size,
-            False,
+        plan = self._plan
+        self._kernels = compose(plan.composition, False)
+        numbers = numba.types.Array(numba.types.float64, 1, "C")
+        shown = numba.types.Array(numba.types.float32, 1, "C")
+        whole, real = numba.types.int64, numba.types.float64
+        self._advance = self._kernels.step_one.compile(
+            (*(numbers,) * 4, ACTION, real, whole, shown, numbers)
         )
-        self._begin = kernels.reset_one
-        self._held = np.array([self._car.ctypes.data, *engine.array_makers()], np.int64)
-        self._place = self._held.ctypes.data
-        self._advance = engine.direct(kernels.step_one, self._place, engine.OBJECT)
         self._human = self.render_mode == "human"
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave compiled code and the window behind; they are made anew."""
-        made = ("_held", "_place", "_begin", "_advance")
+        made = ("_kernels", "_advance")
         kept = {name: value for name, value in vars(self).items() if name not in made}
         return {**kept, "_renderer": None}
 
@@ -168,48 +183,83 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self._compile()
 
     @property
+    def spec(self) -> EnvSpec | None:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """What made the environment; it can be written as JSON and read back."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, given: EnvSpec | None) -> None:
+        if given is not None:
+            named = given.kwargs.get("scenario")
+            if isinstance(named, Scenario):
+                given.kwargs["scenario"] = to_json(named)
+            if given.max_episode_steps is not None:
+                self._set_most_steps(given.max_episode_steps)
+            given.max_episode_steps = self._base.steps
+        self._spec = given
+
+    def _set_most_steps(self, given: int) -> None:
+        kept = self._settings
+        self._settings = task.Settings(
+            kept.observe,
+            kept.observe_limit,
+            kept.reward,
+            kept.duration,
+            task.most_steps(given),
+        )
+        self._take(self._named, self._force_scale)
+
+    @property
     def scenario(self) -> Scenario:
-        """The scenario with this environment's force limit and duration, not randomised."""
+        """The scenario with this environment's force limit and duration; episodes are drawn from it.
+
+        Another one can be set, of the same parts; it holds from the next reset on.
+        """
         return self._base
+
+    @scenario.setter
+    def scenario(self, given: str | Scenario) -> None:
+        self._take(find_scenario(given), self._force_scale)
+
+    @property
+    def force_scale(self) -> float:
+        """Factor on the scenario's force limit [-]; another one holds from the next reset on."""
+        return self._force_scale
+
+    @force_scale.setter
+    def force_scale(self, given: float) -> None:
+        self._take(self._named, task.force_scale(given))
 
     @property
     def episode(self) -> Scenario:
         """The scenario of the running episode, as drawn."""
-        if self._episode is None:
-            return self._base
-        if self._base.randomisation is None:
-            return self._base
-        return vary(self._base, *self._episode)
+        return self._drawn_from.drawn(self._uniforms) if self._started else self._base
 
     @property
     def force_limit(self) -> NDArray[np.float64]:
         """Force that action 1 makes in this episode, shape (m,) [m/s^2] or [N]."""
-        if self._episode is None:
-            return np.array(self._base.actuator.limit)
-        first = engine_sampled.FORCES
-        return self._car[first : first + self._action_shape[0]].copy()
+        return np.array(self.episode.actuator.limit)
 
     @property
     def dt(self) -> float:
         """Control interval [s]."""
-        return self._base.dt
+        return self._dt
 
-    @property
-    def _elapsed(self) -> int:
-        """Control intervals since the episode began."""
-        return int(self._car[engine_sampled.ELAPSED])
+    def _at(self, name: str) -> float:
+        return float(self._clock[self._kernels.clock.find(f"clock.{name}")])
 
     @property
     def state(self) -> State:
         """State of the plant in SI units."""
         self._check_running("state")
-        return State(*self._car[: engine_sampled.WORLD].tolist())
+        row = self._kernels.moving.row("state")
+        return State(*self._slab[row : row + 4].tolist())
 
     @property
     def time(self) -> float:
         """Time on the road [s], which begins at the drawn phase."""
         self._check_running("time")
-        return float(self._car[engine_sampled.START]) + self._elapsed * self._base.dt
+        return self._at("start") + self._at("elapsed") * self._dt
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -238,30 +288,36 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             known("reset option", key, task.RESET_OPTIONS)
         scale = task.force_scale(options.get("force_scale", self._force_scale))
         named = find_scenario(options.get("scenario", self._named))
-        base = self._base
-        if named is not self._named or scale != self._force_scale:
-            base = self._configured(named, scale)
+        changed = named is not self._named or scale != self._force_scale
         given = [math.nan] * 5
         if "state" in options:
+            base = self._settings.scenario(named, scale) if changed else self._base
             given[:4] = task.given_state(options["state"], base).tolist()
         if "phase" in options:
             given[4] = finite("phase", options["phase"], "rad")
-        super().reset(seed=seed)  # nothing changes before every option is known to be good
-        self._named, self._force_scale = named, scale
-        if base is not self._base:
-            self._base = base
-            self._take(base)
-        self._car[engine_sampled.DT] = base.dt
-        self._car[engine_sampled.SUBSTEPS] = base.substeps
-        draws = self.np_random.random(task.DRAWS)
-        observation = self._begin(
-            self._car, engine.array_makers(), draws, tuple(given), np.array(self._numbers)
+        if changed:
+            self._take(named, scale)
+        super().reset(seed=seed)  # nothing is drawn before every option is known to be good
+        source = self._source
+        self._uniforms = self.np_random.random(source.count)
+        observation = np.empty(self._size, SHOWN)
+        self._drawn_from, self._started = self._base, True
+        self._kernels.reset_one(
+            self._slab,
+            self._clock,
+            self._fixed,
+            self._uniforms,
+            np.array(given),
+            source.row,
+            source.draws,
+            source.targets,
+            source.table,
+            self._dt / self._substeps,
+            observation,
         )
-        self._episode = task.draw_factors(draws.tolist(), self._numbers)
         if self.render_mode == "human":
             self.render()
-        phase = float(self._car[engine_sampled.PHASE])
-        return observation, {"force": np.zeros(self._action_shape), "phase": phase}
+        return observation, {"force": np.zeros(self._actions), "phase": self._at("phase")}
 
     def step(
         self, action: NDArray[np.float32]
@@ -279,38 +335,42 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         reward : float
         terminated, truncated : bool
         info : dict
-            `force` (m,) [m/s^2] or [N], `reward_x1`, `reward_x2`, `reward_travel`.
+            `force` (m,) [m/s^2] or [N], ``reward_<term>`` of each term, `reward_travel`.
 
         Raises
         ------
         ValueError
             If the action has the wrong shape or is not a number, or the episode is over.
         """
-        advance = self._advance
-        code, observation, reward, terminated, truncated, force, x1, x2, travel = advance(
-            self._place, action
-        )
+        observation, force = np.empty(self._size, SHOWN), np.empty(self._actions)
+        try:
+            code, reward, terminated, truncated, terms = self._advance(
+                self._slab,
+                self._clock,
+                self._fixed,
+                self._source.table,
+                action,
+                self._dt,
+                self._substeps,
+                observation,
+                force,
+            )
+        except TypeError:  # no array of float32
+            return self.step(task.checked_actions("action", action, self._action_shape, "actuator"))
         if code:
-            return self._step_again(code, action)
+            self._refuse(code, action)
         if self._human:
             self.render()
-        info = {"force": force, "reward_x1": x1, "reward_x2": x2, "reward_travel": travel}
-        return observation, reward, terminated, truncated, info
+        return observation, reward, terminated, truncated, dict(zip(self._keys, (force, *terms)))  # noqa: B905 - equal lengths, and quicker
 
-    def _step_again(
-        self, code: int, action: Any
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Take a step with an action that the engine has not taken as it is, or refuse it."""
-        if code == -3:
-            return self.step(self._checked(action))
+    def _refuse(self, code: int, action: Any) -> None:
+        """Say why a step was not taken."""
         self._check_running("step")
-        if code == -2:
+        if code == OVER:
             raise ValueError("the episode is over; call reset before the next step")
-        raise ValueError(f"action must be finite, got {action}; allowed range is [-1, 1]")
-
-    def _checked(self, action: Any) -> NDArray[np.float32]:
-        """Return a copy of an action as an array of the kind that the engine takes."""
-        return task.checked_actions("action", action, self._action_shape, "actuator")
+        if code == NOT_FINITE:
+            raise ValueError(f"action must be finite, got {action}; allowed range is [-1, 1]")
+        task.checked_actions("action", action, self._action_shape, "actuator")
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a frame (480, 640, 3) in the mode "rgb_array"; show it in the mode "human".
@@ -356,9 +416,9 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             nominal=self._base,
             episode=self.episode,
             time=self.time,
-            elapsed=self._elapsed * self._base.dt,
+            elapsed=self._at("elapsed") * self._dt,
             state=self.state,
-            action=tuple(self._car[engine_sampled.HELD :][: self._action_shape[0]].tolist()),
+            action=self._last_action(),
         )
 
     def close(self) -> None:
@@ -367,21 +427,10 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._renderer.close()
             self._renderer = None
 
-    def _configured(self, named: Scenario, scale: float) -> Scenario:
-        if hasattr(self, "_base") and named.actuator.size != self._base.actuator.size:
-            raise ValueError(
-                f"scenario {named.name!r} has {named.actuator.size} actuator(s), this environment "
-                f"{self._base.actuator.size}; make a new environment for it"
-            )
-        found = named.with_force_scale(scale)
-        if self._duration is not None:
-            found = dataclasses.replace(found, duration=self._duration)
-        return found
-
-    def _take(self, base: Scenario) -> None:
-        self._numbers = task.nominal_numbers(base, self._named)
-        self._dt, self._substeps = base.dt, base.substeps
+    def _last_action(self) -> tuple[float, ...]:
+        row = self._kernels.moving.row("held")
+        return tuple(self._slab[row : row + self._actions].tolist())
 
     def _check_running(self, what: str) -> None:
-        if self._episode is None:
+        if not self._started:
             raise gym.error.ResetNeeded(f"no episode yet; call reset before {what}")
