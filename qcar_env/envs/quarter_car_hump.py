@@ -6,21 +6,16 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
-import numba
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from qcar_env.engine.compile import aligned
-from qcar_env.engine.stepping import NOT_FINITE, OVER, compose
+from qcar_env.engine.cars import NOT_FINITE, OVER, Car
 from qcar_env.envs import episode as task
 from qcar_env.physics.state import State
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 from qcar_env.scenarios.files import to_json
 from qcar_env.validation import finite, known
-
-SHOWN = np.dtype(np.float32)
-ACTION = numba.types.Array(numba.types.float32, 1, "A")
 
 if TYPE_CHECKING:
     from qcar_env.envs.rendering import Picture, Renderer
@@ -136,51 +131,28 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         high, plan = task.OBSERVATION_LIMIT, self._plan
         self.observation_space = gym.spaces.Box(-high, high, (len(plan.observed),), np.float32)
         self.action_space = gym.spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
-        self._compile()
-        kernels = self._kernels
-        self._slab = aligned((kernels.moving.size,))
-        self._clock = aligned((kernels.clock.size,))
-        self._fixed = aligned((kernels.fixed.size,))
-        self._clock[kernels.clock.find("clock.done")] = 1.0
-        self._uniforms = np.zeros(self._source.count)
+        self._uniforms = np.zeros(0)
+        self._human = render_mode == "human"
 
     def _take(self, named: Scenario, scale: float) -> None:
         """Let the next episode begin with another scenario or force limit."""
         plan = self._settings.plan(named, scale)
-        if hasattr(self, "_plan") and plan.composition != self._plan.composition:
+        if not hasattr(self, "_car"):
+            self._car = Car(plan)
+        elif plan.composition != self._plan.composition:
             raise ValueError(
                 f"scenario {named.name!r} is made of other parts than this environment's, or has "
                 "another number of actuators; make a new environment for it"
             )
-        self._source = plan.source  # nothing changes before this is known to be good
+        self._car.take(plan)
         self._plan, self._named, self._force_scale = plan, named, scale
         self._base = plan.scenario
         self._action_shape = (self._base.actuator.size,)
-        self._size, self._actions = len(plan.observed), self._base.actuator.size
-        self._dt, self._substeps = self._base.dt, self._base.substeps
         self._keys = ("force", *(f"reward_{each.name}" for each in plan.terms), "reward_travel")
 
-    def _compile(self) -> None:
-        plan = self._plan
-        self._kernels = compose(plan.composition, False)
-        numbers = numba.types.Array(numba.types.float64, 1, "C")
-        shown = numba.types.Array(numba.types.float32, 1, "C")
-        whole, real = numba.types.int64, numba.types.float64
-        self._advance = self._kernels.step_one.compile(
-            (*(numbers,) * 4, ACTION, real, whole, shown, numbers)
-        )
-        self._human = self.render_mode == "human"
-
     def __getstate__(self) -> dict[str, Any]:
-        """Leave compiled code and the window behind; they are made anew."""
-        made = ("_kernels", "_advance")
-        kept = {name: value for name, value in vars(self).items() if name not in made}
-        return {**kept, "_renderer": None}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore everything else, and compile."""
-        vars(self).update(state)
-        self._compile()
+        """Leave the window behind; it is made anew."""
+        return {**vars(self), "_renderer": None}
 
     @property
     def spec(self) -> EnvSpec | None:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -243,23 +215,19 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     @property
     def dt(self) -> float:
         """Control interval [s]."""
-        return self._dt
-
-    def _at(self, name: str) -> float:
-        return float(self._clock[self._kernels.clock.find(f"clock.{name}")])
+        return self._base.dt
 
     @property
     def state(self) -> State:
         """State of the plant in SI units."""
         self._check_running("state")
-        row = self._kernels.moving.row("state")
-        return State(*self._slab[row : row + 4].tolist())
+        return State(*self._car.state.tolist())
 
     @property
     def time(self) -> float:
         """Time on the road [s], which begins at the drawn phase."""
         self._check_running("time")
-        return self._at("start") + self._at("elapsed") * self._dt
+        return self._car.clock("start") + self._car.clock("elapsed") * self.dt
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -298,26 +266,13 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if changed:
             self._take(named, scale)
         super().reset(seed=seed)  # nothing is drawn before every option is known to be good
-        source = self._source
-        self._uniforms = self.np_random.random(source.count)
-        observation = np.empty(self._size, SHOWN)
+        self._uniforms = self.np_random.random(self._plan.source.count)
+        observation = self._car.begin(self._uniforms, np.array(given))
         self._drawn_from, self._started = self._base, True
-        self._kernels.reset_one(
-            self._slab,
-            self._clock,
-            self._fixed,
-            self._uniforms,
-            np.array(given),
-            source.row,
-            source.draws,
-            source.targets,
-            source.table,
-            self._dt / self._substeps,
-            observation,
-        )
-        if self.render_mode == "human":
+        if self._human:
             self.render()
-        return observation, {"force": np.zeros(self._actions), "phase": self._at("phase")}
+        force = np.zeros(self._action_shape)
+        return observation, {"force": force, "phase": self._car.clock("phase")}
 
     def step(
         self, action: NDArray[np.float32]
@@ -342,26 +297,16 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         ValueError
             If the action has the wrong shape or is not a number, or the episode is over.
         """
-        observation, force = np.empty(self._size, SHOWN), np.empty(self._actions)
         try:
-            code, reward, terminated, truncated, terms = self._advance(
-                self._slab,
-                self._clock,
-                self._fixed,
-                self._source.table,
-                action,
-                self._dt,
-                self._substeps,
-                observation,
-                force,
-            )
+            code, observation, reward, terminated, truncated, terms, force = self._car.step(action)
         except TypeError:  # no array of float32
             return self.step(task.checked_actions("action", action, self._action_shape, "actuator"))
         if code:
             self._refuse(code, action)
         if self._human:
             self.render()
-        return observation, reward, terminated, truncated, dict(zip(self._keys, (force, *terms)))  # noqa: B905 - equal lengths, and quicker
+        info = dict(zip(self._keys, (force, *terms)))  # noqa: B905 - equal lengths, and quicker
+        return observation, reward, terminated, truncated, info
 
     def _refuse(self, code: int, action: Any) -> None:
         """Say why a step was not taken."""
@@ -416,9 +361,9 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             nominal=self._base,
             episode=self.episode,
             time=self.time,
-            elapsed=self._at("elapsed") * self._dt,
+            elapsed=self._car.clock("elapsed") * self.dt,
             state=self.state,
-            action=self._last_action(),
+            action=tuple(self._car.held.tolist()),
         )
 
     def close(self) -> None:
@@ -426,10 +371,6 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-
-    def _last_action(self) -> tuple[float, ...]:
-        row = self._kernels.moving.row("held")
-        return tuple(self._slab[row : row + self._actions].tolist())
 
     def _check_running(self, what: str) -> None:
         if not self._started:
