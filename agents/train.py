@@ -28,10 +28,10 @@ import torch
 
 from agents import scoring
 from agents.export import export_checked
-from agents.load import Agent
 from agents.recipes import Recipe, as_dict
 from agents.trainer import ActorPolicy, Trainer
 from qcar_env.envs import task
+from qcar_env.evaluation.agent import Agent
 from qcar_env.evaluation.policy import Policy
 from qcar_env.evaluation.storage import command, replacing, versions, write_json, write_text
 from qcar_env.evaluation.tracks import Split

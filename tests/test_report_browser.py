@@ -23,9 +23,11 @@ import numpy as np
 import pytest
 
 from qcar_env.control import LAWS as LAWS_BY_NAME
-from qcar_env.evaluation.benchmark import Bound, History, Row, Standing
+from qcar_env.evaluation.bounds import Bound
 from qcar_env.evaluation.comparison import outcome
 from qcar_env.evaluation.rollouts import Rollout
+from qcar_env.evaluation.score import History, Row
+from qcar_env.evaluation.standings import Standing
 from qcar_env.evaluation.statistics import Interval
 from qcar_env.evaluation.tracks import TRACKS
 from qcar_env.plots.benchmark import LOOKS

@@ -12,9 +12,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
+from qcar_env.evaluation.comparison import Comparison
 from qcar_env.plots.style import DOUBLE_COLUMN, line
 
 Array = NDArray[np.float64]
+
+SHOWN = 10.0  # [s] of the time histories
 
 
 def displacement(ax: Axes, t: Array, x: Array, law: str) -> Axes:
@@ -116,3 +119,28 @@ def comparison(
     handles, labels = envelopes[0].get_legend_handles_labels()
     lower.legend(handles, labels, loc="outside upper center", ncols=len(labels))
     return figure
+
+
+def of_comparison(found: Comparison) -> Figure | None:
+    """Draw the policies of a comparison that stayed within the travel limits; None without any.
+
+    Of the learned ones one gets a time history: by reinforcement if there is one, and the best.
+    """
+    complete = [each for each in found.outcomes if not each.terminated]
+    if not complete:
+        return None
+    best = min(
+        (each for each in found.outcomes if each.policy in found.learned),
+        key=lambda each: (not each.policy.startswith(("ppo", "sac")), each.rho),
+        default=None,
+    )
+    aside = {"none", *found.learned} - {best.policy if best else ""}
+    names = [each.policy for each in complete]
+    t = found.rollouts[names[0]].t
+    return comparison(
+        t,
+        {name: (found.rollouts[name].x1, found.rollouts[name].x2) for name in names},
+        2.0 * np.pi / found.scenario.reference_frequency,
+        shown=min(SHOWN, float(t[-1])),
+        panels=[name for name in names if name not in aside],
+    )

@@ -3,20 +3,48 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from qcar_env.evaluation.benchmark import Bound, History, Row, Standing
+from qcar_env.evaluation import storage
+from qcar_env.evaluation.benchmark import Outcome, Unit
+from qcar_env.evaluation.bounds import Bound
+from qcar_env.evaluation.score import History, Row
+from qcar_env.evaluation.standings import Standing, findings
 from qcar_env.evaluation.tracks import Track
 from qcar_env.plots.benchmark import LOOKS, look
 from qcar_env.plots.style import Line, line
 from qcar_env.report import content
 from qcar_env.report.content import Cell, Chart, Column, Curve, Report, Table, dashes, thinned
+from qcar_env.report.page import write
 
-Unit = tuple[str, float]  # name of a track, force limit over the scenario's own [-]
 SMALLEST = 1e-5  # [-] lower edge of logarithmic axes: stillness for any purpose
 LEARNED_DASHES = ("-", (0, (6, 2)), (0, (1, 1)), (0, (4, 1, 1, 1)))  # all are of one colour
 MOST_CURVES = 10  # in a chart at first; more than that hide one another
+
+
+def page(path: Path, outcome: Outcome) -> Path:
+    """Write the report of a benchmark to a file ending in .html, and return where."""
+    provenance = {
+        "command": storage.command(),
+        "seed of the crossings": "the tracks' own" if outcome.seed is None else str(outcome.seed),
+        "versions": ", ".join(f"{name} {each}" for name, each in storage.versions().items()),
+        "failed": "; ".join(map(str, outcome.failures)) or "none",
+        "numbers": "table.csv and result.json beside this file",
+    }
+    return write(
+        path,
+        benchmark(
+            outcome.tracks,
+            outcome.rows,
+            outcome.standings,
+            outcome.bounds,
+            outcome.histories,
+            findings=findings(outcome.standings),
+            provenance=provenance,
+        ),
+    )
 
 
 def benchmark(

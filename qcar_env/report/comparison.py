@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -11,15 +12,39 @@ from qcar_env.analysis.harmonic_balance import balance
 from qcar_env.analysis.optimum import period_optimum
 from qcar_env.analysis.table1 import Cell
 from qcar_env.control.law import Law
-from qcar_env.evaluation.comparison import Outcome
+from qcar_env.evaluation import storage
+from qcar_env.evaluation.comparison import START, Comparison, Outcome
 from qcar_env.evaluation.rollouts import Rollout
 from qcar_env.plots.style import line
 from qcar_env.report.content import Chart, Column, Curve, Report, Table, dash, history, parameters
+from qcar_env.report.page import write
 from qcar_env.scenarios import Scenario
 
 SCALES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of the limit, for the optimum
 RESPONSE = (0.82, 1.18, 181)  # forcing frequency over the scenario's: from, to, number of points
 HARMONICS = 3  # of the response; the third is all that the cubic law adds to 0.1 %
+
+
+def page(path: Path, found: Comparison) -> Path:
+    """Write the report of a comparison's scripted policies to an .html file, and return where."""
+    return write(
+        path,
+        comparison(
+            found.scenario,
+            [each for each in found.outcomes if each.policy not in found.learned],
+            {name: each for name, each in found.rollouts.items() if name not in found.learned},
+            found.laws,
+            table1=found.table1,
+            duration=found.duration,
+            provenance={
+                "command": storage.command(),
+                "start": START,
+                "gains": "; ".join(str(law) for law in found.laws.values()),
+                "versions": ", ".join(f"{n} {each}" for n, each in storage.versions().items()),
+                "numbers": "table.csv and result.json beside this file",
+            },
+        ),
+    )
 
 
 def comparison(
