@@ -1,7 +1,6 @@
 """Steady amplitudes of a policy on a track, for live evaluation, validation and reports.
 
-The crossings are those of `qcar_env.evaluation.tracks`; they run all at once on the linear maps of
-`agents.crossing` and end in true steady state.
+The episodes are those of `qcar_env.evaluation.tracks`; they end in true steady state.
 """
 
 from __future__ import annotations
@@ -9,24 +8,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import crossing
-from qcar_env.analysis.optimum import period_optimum
 from qcar_env.control import CNVC, LNVC
 from qcar_env.envs import task
-from qcar_env.evaluation.policy import Policy, actions_of, check_policy
+from qcar_env.evaluation import bounds
+from qcar_env.evaluation.batch_rollouts import batch_rollout, steady_amplitudes
+from qcar_env.evaluation.policy import Policy
 from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
 from qcar_env.scenarios import Scenario
 from qcar_env.validation import known, positive
 
 Array = NDArray[np.float64]
 PERIODS = 20  # over which amplitudes are taken
-HARMONIC_SAMPLES = 64  # forces in a period of the linear program
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,41 +85,22 @@ def run(
     Raises
     ------
     ValueError
-        If there is no crossing, the duration holds no control interval, or see
-        `qcar_env.evaluation.policy.actions_of`.
+        See `qcar_env.evaluation.batch_rollouts.batch_rollout`.
     """
-    check_policy(policy)
-    if not drawn:
-        raise ValueError("drawn must not be empty; give at least one crossing")
-    plants, z = crossing.of_track(drawn, track.nominal)
     length = track.duration if duration is None else positive("duration", duration, "s")
-    steps = round(length / plants.dt)
-    if steps < 1:
-        raise ValueError(
-            f"duration must hold a control interval, got {length:g} s with dt = {plants.dt:g} s; "
-            f"give {plants.dt:g} s or more"
-        )
+    found = batch_rollout(
+        policy, drawn, duration=length, observe=track.observe, observe_limit=observe_limit
+    )
     slowest = min(each.scenario.road.omega for each in drawn)
-    window = math.ceil(PERIODS * 2.0 * math.pi / slowest / plants.dt)
-    peak = np.zeros((len(drawn), 2))
-    size = track.nominal.actuator.size
-    memory: Any = None
-    begin = np.ones(len(drawn), dtype=np.bool_)
-    for k in range(steps):
-        seen = crossing.observations(z, plants, track.observe, observe_limit)
-        action, memory = actions_of(policy, seen, memory, begin, size)
-        begin = np.zeros(len(drawn), dtype=np.bool_)
-        z = crossing.advance(z, action, plants)
-        if k >= steps - window:
-            peak = np.maximum(peak, np.abs(z[:, :2]))
+    held = int(length * slowest / (2.0 * math.pi))
+    peak = steady_amplitudes(found, max(1, min(PERIODS, held)))
     own = np.array([each.scenario.reference_amplitudes for each in drawn])
     return Score(amplitudes=peak, relative=peak / own)
 
 
-@lru_cache(maxsize=512)
 def optimum(scenario: Scenario) -> float:
     """Return the lower bound on rho of a scenario, of any force within its limit [-]."""
-    return max(0.0, period_optimum(scenario, samples=HARMONIC_SAMPLES).bound)
+    return max(0.0, bounds.optimum(scenario).lower)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ import dataclasses
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -259,6 +260,25 @@ def load(path: Path = catalogue.STORE) -> tuple[Tuned, ...]:
             f"{path} holds no tuned gains ({type(error).__name__}: {error}); restore it, or give "
             "another file"
         ) from None
+
+
+@cache
+def best(track: Track, force_scale: float) -> tuple[str, float]:
+    """Return the best tuned baseline with the information of a track, and its rho [-].
+
+    The rho is the mean over the held-out set, the best one that of the same set: the harder
+    comparison for what is learned. NaN if none is tuned. The tracks `paper` and `feedback` have the
+    crossings of `budget`.
+    """
+    name = "randomised" if track.name == "randomised" else "budget"
+    found = [
+        (validate(each.baseline, each.gains, track, force_scale, "held-out"), each.baseline)
+        for each in load()
+        if (each.track, each.force_scale) == (name, force_scale)
+        and (track.observe == "full" or catalogue.describe(each.baseline)["reads"] == "feedback")
+    ]
+    rho, law = min(found, default=(float("nan"), "none"))
+    return law, rho
 
 
 def _on_optimum(case: Episode) -> Episode:

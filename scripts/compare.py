@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         comparison.write(out, found, used)
         print(f"written to {out}: table.csv, result.json")
         with journal():
-            figure = time_history.of_comparison(found)
+            figure = time_history.comparison(found)
             if figure is not None:
                 save(figure, out / "time_histories")
                 print(f"written to {out}: time_histories.png, time_histories.pdf")

@@ -61,10 +61,10 @@ class Comparison:
     duration: float  # simulated time from rest [s]
     outcomes: tuple[Outcome, ...]
     rollouts: Mapping[str, Rollout]  # by policy
-    learned: tuple[str, ...]  # which policies are
     laws: Mapping[str, Law]  # by policy, of those that are laws
-    table1: tuple[Cell, ...]  # the paper's, in continuous time; empty without a harmonic road
-    optimum: Optimum | None  # None without a harmonic road
+    learned: tuple[str, ...] = ()  # which policies are
+    table1: tuple[Cell, ...] = ()  # the paper's, in continuous time; empty off a harmonic road
+    optimum: Optimum | None = None  # None off a harmonic road
 
 
 def compare(

@@ -14,7 +14,7 @@ from baselines import catalogue
 from qcar_env.analysis.optimum import period_optimum
 from qcar_env.control import LAWS
 from qcar_env.evaluation.benchmark import run
-from qcar_env.evaluation.comparison import outcome
+from qcar_env.evaluation.comparison import Comparison, outcome
 from qcar_env.evaluation.rollouts import rollout
 from qcar_env.evaluation.tracks import TRACKS
 from qcar_env.plots.style import line
@@ -31,14 +31,14 @@ def report_of(name, laws, duration):
     policies = {law: catalogue.make(law, base) for law in laws}
     rollouts = {law: rollout(policy, base, duration=duration) for law, policy in policies.items()}
     outcomes = [outcome(law, each, base.reference_amplitudes) for law, each in rollouts.items()]
-    content = comparison(
-        base,
-        outcomes,
-        rollouts,
-        {law: policy.law for law, policy in policies.items()},
+    found = Comparison(
+        scenario=base,
+        outcomes=tuple(outcomes),
+        rollouts=rollouts,
+        laws={law: policy.law for law, policy in policies.items()},
         duration=duration,
-        provenance={"command": "a test"},
     )
+    content = comparison(found, {"command": "a test"})
     return base, rollouts, outcomes, content
 
 
@@ -196,16 +196,8 @@ def benchmark_report():
 
 
 def test_the_benchmarks_report_has_every_standing_and_the_optimum(benchmark_report):
-    where, outcome = benchmark_report
-    content = benchmark(
-        [where],
-        outcome.rows,
-        outcome.standings,
-        outcome.bounds,
-        outcome.histories,
-        findings=["one", "two"],
-        provenance={"command": "a test"},
-    )
+    _, outcome = benchmark_report
+    content = benchmark(outcome, {"command": "a test"})
     board = content.tables[0]
     assert [row[0] for row in board.rows] == ["optimum", "cnvc", "lnvc"]
     for each in outcome.standings:
