@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from agents import scoring
 from agents.recipes import ALGORITHM_TITLES, RECIPES, Recipe
-from agents.train import score_all, train
+from agents.scoring import score_all
+from agents.train import train
 from qcar_env.evaluation.agent import Agent
 from qcar_env.evaluation.statistics import bootstrap
 from qcar_env.evaluation.storage import command, made_with
@@ -188,25 +189,16 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
     ]
     cells = [
         (
-            row["task"],
-            f"{row['s']:g}",
-            row["algorithm"],
-            str(row["seeds"]),
-            f"{row['x1']:.5f}",
-            f"{row['x2']:.5f}",
-            f"{row['rho']:.4f}",
-            f"{row['low']:.4f} to {row['high']:.4f}",
-            f"{row['optimum']:.4f}",
-            f"{row['tuned']:.4f} ({row['tuned_law']})",
-            f"{row['velocity']:.4f}",
-            f"{row['cnvc']:.4f}",
-            f"{row['steps']:,}",
-            f"{row['wall']:.0f}",
-            f"{row['cpu']:.0f}",
+            row["task"], f"{row['s']:g}", row["algorithm"], str(row["seeds"]),
+            f"{row['x1']:.5f}", f"{row['x2']:.5f}",
+            f"{row['rho']:.4f}", f"{row['low']:.4f} to {row['high']:.4f}",
+            f"{row['optimum']:.4f}", f"{row['tuned']:.4f} ({row['tuned_law']})",
+            f"{row['velocity']:.4f}", f"{row['cnvc']:.4f}",
+            f"{row['steps']:,}", f"{row['wall']:.0f}", f"{row['cpu']:.0f}",
             "" if math.isnan(row["passed"]) else f"{row['passed']:.1f}",
         )
         for row in sorted(rows, key=lambda each: (each["task"], -each["s"], each["rho"]))
-    ]
+    ]  # fmt: skip
     lines += markdown(HEADER, cells)
     present = dict.fromkeys(row["algorithm"] for row in rows)
     lines += ["", *(f"- {name}: {ALGORITHM_TITLES[name]}" for name in present)]

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.recipes import Recipe
 from qcar_env.control import CNVC, LNVC
 from qcar_env.envs import task
 from qcar_env.evaluation import bounds
@@ -30,46 +31,13 @@ PERIODS = 20  # over which amplitudes are taken
 class Score:
     """What a policy leaves of the vibration."""
 
-    amplitudes: Array  # (n, 2) largest |x1|, |x2| over the last periods of each crossing [m]
-    relative: Array  # (n, 2) the same over the crossing's own uncontrolled amplitudes [-]
+    amplitudes: Array  # (n, 2) largest |x1|, |x2| over the last periods of each episode [m]
+    relative: Array  # (n, 2) the same over the episode's own uncontrolled amplitudes [-]
 
     @property
     def rho(self) -> Array:
-        """``max_i(a_i / A_i)`` of each crossing, shape (n,) [-]."""
+        """``max_i(a_i / A_i)`` of each episode, shape (n,) [-]."""
         return np.max(self.relative, axis=1)
-
-
-def score(
-    policy: Policy,
-    track: Track,
-    *,
-    force_scale: float,
-    split: Split = "validation",
-    observe_limit: bool = False,
-    count: int | None = None,
-    duration: float | None = None,
-) -> Score:
-    """Score a policy on a set of a track at one force limit.
-
-    Parameters
-    ----------
-    policy : Policy
-        What acts; it is shown what the track allows, and the limit if `observe_limit`.
-    track : Track
-        The track.
-    force_scale : float
-        Force limit over the scenario's own [-].
-    split : {"training", "validation", "held-out"}
-        Which set of crossings.
-    observe_limit : bool
-        Whether the policy reads the force limit.
-    count : int, optional
-        Number of crossings; the track's if left out.
-    duration : float, optional
-        Length of a crossing [s]; the track's if left out. Below 40 s the slow mode still moves.
-    """
-    drawn = episodes(track, split, force_scale=force_scale, count=count)
-    return run(policy, track, drawn, observe_limit=observe_limit, duration=duration)
 
 
 def run(
@@ -80,7 +48,20 @@ def run(
     observe_limit: bool = False,
     duration: float | None = None,
 ) -> Score:
-    """Score a policy on the given crossings of a track (arguments: `score`).
+    """Score a policy on episodes of a track.
+
+    Parameters
+    ----------
+    policy : Policy
+        What acts; it is shown what the track allows, and the limit if `observe_limit`.
+    track : Track
+        The track.
+    drawn : sequence of Episode
+        Which, from `qcar_env.evaluation.tracks.episodes`.
+    observe_limit : bool
+        Whether the policy reads the force limit.
+    duration : float, optional
+        Length of an episode [s]; the track's if left out. Below 40 s the slow mode still moves.
 
     Raises
     ------
@@ -101,6 +82,29 @@ def run(
 def optimum(scenario: Scenario) -> float:
     """Return the lower bound on rho of a scenario, of any force within its limit [-]."""
     return max(0.0, bounds.optimum(scenario).lower)
+
+
+def score_all(policy: Policy, recipe: Recipe, split: Split) -> dict[str, dict[str, float]]:
+    """Score a policy at each of a recipe's force limits.
+
+    Returns
+    -------
+    dict
+        By force limit: mean and largest `rho`, largest amplitudes `x1`, `x2` [m], and the mean
+        `optimum` of the same episodes.
+    """
+    found: dict[str, dict[str, float]] = {}
+    for scale in recipe.force_scales:
+        drawn = episodes(recipe.track, split, force_scale=scale)
+        each = run(policy, recipe.track, drawn, observe_limit=recipe.observe_limit)
+        found[f"{scale:g}"] = {
+            "rho": float(np.mean(each.rho)),
+            "rho_largest": float(np.max(each.rho)),
+            "x1": float(np.max(each.amplitudes[:, 0])),
+            "x2": float(np.max(each.amplitudes[:, 1])),
+            "optimum": float(np.mean([optimum(one.scenario) for one in drawn])),
+        }
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +156,7 @@ def reference(
     force_scale : float
         Force limit over the scenario's own [-].
     drawn : sequence of Episode, optional
-        The crossings; one from rest if left out.
+        The episodes; one from rest if left out.
     """
     laws = {"cnvc": CNVC(G1=1.2, G2=1.2), "velocity": LNVC(G1=100.0, G2=100.0)}
     law = laws[known("law", name, laws)]

@@ -50,27 +50,10 @@ class Agent:
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], tuple[NDArray[Any], ...] | None]:
-        """Return the actions, and no memory (see `qcar_env.evaluation.policy.Policy`).
+        """Return the actions, and no memory (see `OnnxPolicy.predict`).
 
-        Parameters
-        ----------
-        observation : ndarray (n, k) or (k,)
-            As the environment gives them with ``observe=agent.reads`` and
-            ``observe_limit=agent.observe_limit``; an agent that reads the state takes a full
-            observation too.
-        state, episode_start, deterministic
-            Without effect: the policy has no memory and does not draw.
-
-        Returns
-        -------
-        actions : ndarray (n, m) or (m,) float32
-            Force over its limit.
-        state : None
-
-        Raises
-        ------
-        ValueError
-            If the observation has the wrong size.
+        Observations are those of an environment with ``observe=agent.reads`` and
+        ``observe_limit=agent.observe_limit``.
         """
         return self._policy.predict(observation)
 

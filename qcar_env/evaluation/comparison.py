@@ -219,17 +219,11 @@ def _table1(cells: Sequence[Cell]) -> str:
     for cell in cells:
         rows.append(
             [
-                cell.law,
-                f"{cell.gain:g}",
-                f"x{cell.mass}",
-                f"{cell.uncontrolled:.3f}",
-                f"{cell.controlled:.4f}",
-                f"{cell.absolute_error:.3f}",
-                f"{cell.percentage_error:.0f}",
-                f"{cell.printed:g}",
-                f"{cell.agreement:.2f}",
+                cell.law, f"{cell.gain:g}", f"x{cell.mass}", f"{cell.uncontrolled:.3f}",
+                f"{cell.controlled:.4f}", f"{cell.absolute_error:.3f}",
+                f"{cell.percentage_error:.0f}", f"{cell.printed:g}", f"{cell.agreement:.2f}",
             ]
-        )
+        )  # fmt: skip
     return (
         "Table 1 of the paper: the law acts at every instant, forces are not limited\n\n"
         f"{tables.columns(rows, left=3)}\n\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -119,10 +120,9 @@ def score(
     rollout = batch_rollout(
         policy, batch, duration=track.duration, observe=reads, observe_limit=observe_limit
     )
-    rows = tuple(
-        _row(rollout, j, track, force_scale, name=name, kind=kind, reads=reads)
-        for j in range(len(batch))
-    )
+    amplitudes = steady_amplitudes(rollout, track.periods)
+    names = {"policy": name, "kind": kind, "reads": reads, "force_scale": force_scale}
+    rows = tuple(_row(rollout, j, amplitudes[j], track, names) for j in range(len(batch)))
     shown = window_steps(batch[0], SHOWN_PERIODS)
     return Scores(
         rows=rows,
@@ -141,24 +141,11 @@ def for_track(scores: Scores, track: Track) -> Scores:
 
 
 def _row(
-    rollout: BatchRollout,
-    j: int,
-    track: Track,
-    force_scale: float,
-    *,
-    name: str,
-    kind: str,
-    reads: str,
+    rollout: BatchRollout, j: int, amplitudes: Array, track: Track, names: dict[str, Any]
 ) -> Row:
     episode = rollout.episodes[j]
-    one = BatchRollout(
-        episodes=(episode,),
-        t=rollout.t,
-        x=rollout.x[:, j : j + 1],
-        force=rollout.force[:, j : j + 1],
-        terminated=rollout.terminated[j : j + 1],
-    )
-    x1, x2 = (float(value) for value in steady_amplitudes(one, track.periods)[0])
+    factors: dict[str, Any] = {key: float(getattr(episode.factors, key)) for key in FACTORS}
+    x1, x2 = (float(value) for value in amplitudes)
     a1, a2 = episode.scenario.reference_amplitudes
     window = window_steps(episode, track.periods)
     force = rollout.force[-window:, j]
@@ -170,14 +157,10 @@ def _row(
         np.hypot(x[:, 0], x[:, 2] / omega) / a1, np.hypot(x[:, 1], x[:, 3] / omega) / a2
     )
     return Row(
-        policy=name,
-        kind=kind,
-        reads=reads,
+        **(names | factors),
         track=track.name,
         version=track.version,
-        force_scale=force_scale,
         episode=j,
-        **{key: float(getattr(episode.factors, key)) for key in FACTORS},
         rho=max(x1 / a1, x2 / a2),
         x1=x1,
         x2=x2,
