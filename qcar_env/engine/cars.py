@@ -220,7 +220,13 @@ class Cars:
         """Set the random streams of `cars`, see `qcar_env.engine.random.streams`."""
         self._streams[cars] = states
 
-    def begin(self, cars: NDArray[np.int64], given: Array, seen: NDArray[np.float32]) -> None:
+    def begin(
+        self,
+        cars: NDArray[np.int64],
+        given: Array,
+        seen: NDArray[np.float32],
+        uniforms: Array | None = None,
+    ) -> None:
         """Begin episodes.
 
         Parameters
@@ -232,8 +238,13 @@ class Cars:
             not a number.
         seen : ndarray (n, size) of float32
             Their observations are written here.
+        uniforms : ndarray (k, count), optional
+            Numbers from [0, 1) that the episodes are drawn from, `Source.count` of them for each
+            car; from the cars' random streams if left out.
         """
         dt, n = self._settings
+        if uniforms is not None:
+            self.uniforms[cars, : uniforms.shape[1]] = uniforms
         self.kernels.begin(
             *self._moving(),
             self._streams,
@@ -247,10 +258,13 @@ class Cars:
             dt,
             n,
             self.uniforms,
+            uniforms is None,
             seen,
         )
 
-    def reset(self, mask: NDArray[np.bool_], given: Array) -> NDArray[np.float32]:
+    def reset(
+        self, mask: NDArray[np.bool_], given: Array, uniforms: Array | None = None
+    ) -> NDArray[np.float32]:
         """Begin episodes of the cars in `mask` (n,); return the observations of all cars.
 
         Parameters
@@ -259,13 +273,16 @@ class Cars:
             Which cars.
         given : ndarray (n, 5)
             See `begin`.
+        uniforms : ndarray (n, count), optional
+            See `begin`.
         """
         cars = np.flatnonzero(mask).astype(COUNT)
         seen = np.empty((self.n, self.size), SHOWN)
         if len(cars) < self.n:
             self.kernels.show(*self._moving(), self._settings[0], seen)
         self._of_block[:, 1] = np.iinfo(COUNT).max if len(cars) == self.n else 0
-        self.begin(cars, np.ascontiguousarray(given[cars], FLOAT), seen)
+        own = None if uniforms is None else uniforms[cars]
+        self.begin(cars, np.ascontiguousarray(given[cars], FLOAT), seen, own)
         return seen
 
     def step(self, actions: NDArray[np.float32], mode: int) -> Interval:

@@ -462,16 +462,21 @@ def compose(what: Composition, single: bool) -> Kernels:
         dt: Any,
         n: Any,
         kept: Any,
+        draw: Any,
         seen: Any,
     ) -> None:
-        """Begin episodes of the cars in `which`; `given` has a row for each, or one for all."""
+        """Begin episodes of the cars in `which`; `given` has a row for each, or one for all.
+
+        The numbers that they are drawn from are `kept`; they come from there if not `draw`.
+        """
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         for row in range(which.shape[0]):
             i = which[row]
             block, j, k = i // LANES, i % LANES, chosen[i]
             uniforms = kept[i, : counts[k, 0]]
-            for each in range(uniforms.shape[0]):
-                uniforms[each] = uniform(streams, i)
+            if draw:
+                for each in range(uniforms.shape[0]):
+                    uniforms[each] = uniform(streams, i)
             clock = clocks[block]
             start_car(
                 slabs[block],
