@@ -14,6 +14,7 @@ import dataclasses
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -26,6 +27,7 @@ from qcar_env.analysis.optimum import period_optimum
 from qcar_env.control import lqr
 from qcar_env.control.lqr import Weights
 from qcar_env.evaluation.batch_rollouts import Crossings, batch_rollout, steady_rho, window_steps
+from qcar_env.evaluation.entry import may_enter
 from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
 from qcar_env.physics.state import Filter, State
 from qcar_env.scenarios import Scenario
@@ -228,17 +230,19 @@ def tune(
     )
 
 
-def validate(
-    baseline: str,
-    gains: Mapping[str, float],
-    track: Track,
-    force_scale: float,
-    split: Split = "validation",
-) -> float:
-    """Return the mean rho over the validation set (or another), settled from rest [-]."""
+def validate(baseline: str, gains: Mapping[str, float], track: Track, force_scale: float) -> float:
+    """Return the mean rho over the validation set, settled from rest [-]."""
     policy = catalogue.make(baseline, track.at(force_scale), **gains)
-    cases = episodes(track, split, force_scale=force_scale)
-    rolled = batch_rollout(policy, cases, duration=SETTLED, observe=policy.reads)
+    return _settled_rho(policy, track, force_scale, "validation")
+
+
+def _settled_rho(policy: Any, track: Track, force_scale: float, split: Split) -> float:
+    rolled = batch_rollout(
+        policy,
+        episodes(track, split, force_scale=force_scale),
+        duration=SETTLED,
+        observe=policy.reads,
+    )
     return float(np.mean(steady_rho(rolled, PERIODS)))
 
 
@@ -259,6 +263,24 @@ def load(path: Path = catalogue.STORE) -> tuple[Tuned, ...]:
             f"{path} holds no tuned gains ({type(error).__name__}: {error}); restore it, or give "
             "another file"
         ) from None
+
+
+@cache
+def best(track: Track, force_scale: float) -> tuple[str, float]:
+    """Return the best tuned baseline with the information of a track, and its rho [-].
+
+    The rho is the mean over the held-out set, the best one that of the same set: the harder
+    comparison for what is learned. NaN if none is tuned.
+    """
+    scenario = track.at(force_scale)
+    found = [
+        (_settled_rho(policy, track, force_scale, "held-out"), each.name.removesuffix(" (tuned)"))
+        for each in catalogue.entries()
+        if each.kind == "tuned" and may_enter(each.reads or "full", track)
+        if (policy := each.make(scenario, track, force_scale)) is not None
+    ]
+    rho, law = min(found, default=(float("nan"), "none"))
+    return law, rho
 
 
 def _on_optimum(case: Episode) -> Episode:

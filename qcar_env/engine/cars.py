@@ -117,6 +117,7 @@ class Cars:
         self._sources = [plan.source]
         self._chosen = np.zeros(self.n, COUNT)
         self._gather()
+        self.uniforms = np.zeros((self.n, plan.source.count))  # what episodes were drawn from
         self._pool: ThreadPoolExecutor | None = None
         self._busy = False
         self._compile(kernels)
@@ -209,6 +210,9 @@ class Cars:
         used, self._chosen[...] = np.unique(self._chosen, return_inverse=True)
         self._sources = [self._sources[i] for i in used]
         self._gather()
+        most = max(each.count for each in self._sources)
+        if most > self.uniforms.shape[1]:
+            self.uniforms = np.pad(self.uniforms, ((0, 0), (0, most - self.uniforms.shape[1])))
 
     # Episodes ---------------------------------------------------------------------------------
 
@@ -216,7 +220,13 @@ class Cars:
         """Set the random streams of `cars`, see `qcar_env.engine.random.streams`."""
         self._streams[cars] = states
 
-    def begin(self, cars: NDArray[np.int64], given: Array, seen: NDArray[np.float32]) -> None:
+    def begin(
+        self,
+        cars: NDArray[np.int64],
+        given: Array,
+        seen: NDArray[np.float32],
+        uniforms: Array | None = None,
+    ) -> None:
         """Begin episodes.
 
         Parameters
@@ -228,8 +238,13 @@ class Cars:
             not a number.
         seen : ndarray (n, size) of float32
             Their observations are written here.
+        uniforms : ndarray (k, count), optional
+            Numbers from [0, 1) that the episodes are drawn from, `Source.count` of them for each
+            car; from the cars' random streams if left out.
         """
         dt, n = self._settings
+        if uniforms is not None:
+            self.uniforms[cars, : uniforms.shape[1]] = uniforms
         self.kernels.begin(
             *self._moving(),
             self._streams,
@@ -242,10 +257,14 @@ class Cars:
             given,
             dt,
             n,
+            self.uniforms,
+            uniforms is None,
             seen,
         )
 
-    def reset(self, mask: NDArray[np.bool_], given: Array) -> NDArray[np.float32]:
+    def reset(
+        self, mask: NDArray[np.bool_], given: Array, uniforms: Array | None = None
+    ) -> NDArray[np.float32]:
         """Begin episodes of the cars in `mask` (n,); return the observations of all cars.
 
         Parameters
@@ -254,13 +273,16 @@ class Cars:
             Which cars.
         given : ndarray (n, 5)
             See `begin`.
+        uniforms : ndarray (n, count), optional
+            See `begin`.
         """
         cars = np.flatnonzero(mask).astype(COUNT)
         seen = np.empty((self.n, self.size), SHOWN)
         if len(cars) < self.n:
             self.kernels.show(*self._moving(), self._settings[0], seen)
         self._of_block[:, 1] = np.iinfo(COUNT).max if len(cars) == self.n else 0
-        self.begin(cars, np.ascontiguousarray(given[cars], FLOAT), seen)
+        own = None if uniforms is None else uniforms[cars]
+        self.begin(cars, np.ascontiguousarray(given[cars], FLOAT), seen, own)
         return seen
 
     def step(self, actions: NDArray[np.float32], mode: int) -> Interval:
@@ -398,6 +420,125 @@ class Cars:
         """Memory that the cars take [B]."""
         own = (self._slabs, self._clocks, self._fixed, self._of_block)
         return sum(each.nbytes for each in (*own, self._streams, self._chosen, self._bounds))
+
+
+class Car:
+    """A car by itself: what the scalar environment drives.
+
+    Parameters
+    ----------
+    plan : Plan
+        What it is, and what it draws its episodes from.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.take(plan)
+        self._compile()
+        kernels = self.kernels
+        self._slab = aligned((kernels.moving.size,))
+        self._clock = aligned((kernels.clock.size,))
+        self._fixed = aligned((kernels.fixed.size,))
+        self._clock[kernels.clock.find("clock.done")] = 1.0
+
+    def take(self, plan: Plan) -> None:
+        """Let the next episode be drawn from another plan of the same composition."""
+        self._source = plan.source  # nothing changes before this is known to be good
+        self.plan = plan
+        self._dt, self._substeps = plan.dt, plan.substeps
+        self.size = len(plan.composition.observed)
+        self.actions: int = plan.composition.actuator.size  # pyright: ignore[reportAttributeAccessIssue]
+
+    def _compile(self) -> None:
+        self.kernels = compose(self.plan.composition, False)
+        self._advance = self.kernels.step_one.compile(_ONE)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave compiled code behind; it is made anew."""
+        made = ("kernels", "_advance")
+        return {name: value for name, value in vars(self).items() if name not in made}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore everything else, and compile."""
+        vars(self).update(state)
+        self._compile()
+
+    def begin(self, uniforms: Array, given: Array) -> NDArray[np.float32]:
+        """Begin an episode; return the observation (size,).
+
+        Parameters
+        ----------
+        uniforms : ndarray (count,)
+            Numbers from [0, 1) that it is drawn from, `Source.count` of them.
+        given : ndarray (5,)
+            State and phase where they are not drawn, else not a number.
+        """
+        seen = np.empty(self.size, SHOWN)
+        source, step = self._source, self._dt / self._substeps
+        self.kernels.reset_one(
+            *(self._slab, self._clock, self._fixed, uniforms, given),
+            *(source.row, source.draws, source.targets, source.table, step, seen),
+        )
+        return seen
+
+    def step(self, action: NDArray[np.float32]) -> tuple[Any, ...]:
+        """Hold forces for one control interval.
+
+        Parameters
+        ----------
+        action : ndarray (m,) of float32
+            Forces over their limits.
+
+        Returns
+        -------
+        tuple
+            Code (`FINE`, `OVER`, `NOT_FINITE`, `WRONG_SHAPE`), observation (size,), reward,
+            terminated, truncated, terms of the reward and the travel's penalty, forces (m,).
+
+        Raises
+        ------
+        TypeError
+            If the action is no array of float32.
+        """
+        seen, force = np.empty(self.size, SHOWN), np.empty(self.actions)
+        code, reward, terminated, truncated, terms = self._advance(
+            self._slab,
+            self._clock,
+            self._fixed,
+            self._source.table,
+            action,
+            self._dt,
+            self._substeps,
+            seen,
+            force,
+        )
+        return code, seen, reward, terminated, truncated, terms, force
+
+    @property
+    def state(self) -> Array:
+        """State (x1, x2, v1, v2) [m, m, m/s, m/s], shape (4,)."""
+        row = self.kernels.moving.row("state")
+        return self._slab[row : row + 4].copy()
+
+    @property
+    def held(self) -> Array:
+        """The last actions within [-1, 1], shape (m,)."""
+        row = self.kernels.moving.row("held")
+        return self._slab[row : row + self.actions].copy()
+
+    def clock(self, name: str) -> float:
+        """Return an entry of `qcar_env.engine.starts.Clock`."""
+        return float(self._clock[self.kernels.clock.find(f"clock.{name}")])
+
+
+_NUMBERS = numba.types.Array(numba.types.float64, 1, "C")
+_ONE = (  # what `step_one` takes; actions may lie in memory in any way
+    *(_NUMBERS,) * 4,
+    numba.types.Array(numba.types.float32, 1, "A"),
+    numba.types.float64,
+    numba.types.int64,
+    numba.types.Array(numba.types.float32, 1, "C"),
+    _NUMBERS,
+)
 
 
 def _equal(a: Source, b: Source) -> bool:

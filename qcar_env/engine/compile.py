@@ -212,7 +212,18 @@ def negative_sum(costs: Any) -> Any:
 @overload(negative_sum, jit_options=INLINE, strict=False)
 def _negative_sum(costs: Any) -> Any:
     body = "".join(f" - costs[{i}]" for i in range(len(costs))).strip()
-    return _implementation("costs", body.replace("- ", "-", 1), {})
+    return _implementation("costs", body.replace("- ", "-", 1) or "0.0", {})
+
+
+def reward_terms(costs: Any, penalty: Any) -> Any:
+    """Return ``(-costs[0], -costs[1], ..., penalty)``."""
+    return (*(-each for each in costs), penalty)
+
+
+@overload(reward_terms, jit_options=INLINE, strict=False)
+def _reward_terms(costs: Any, penalty: Any) -> Any:
+    body = "".join(f"-costs[{i}], " for i in range(len(costs)))
+    return _implementation("costs, penalty", f"({body}penalty, )", {})
 
 
 def load(z: Any, row: int, stride: int, lane: int, like: Any) -> Any:
@@ -309,5 +320,5 @@ def compiles(function: Any, *examples: Any) -> str:
 # What compiled code has in another form, above.
 _REGISTERED: set[Any] = {
     *(tree.advance, tree.add, tree.combine, tree.times, tree.bounded),
-    *(load, load_wide, save, negative_sum),
+    *(load, load_wide, save, negative_sum, reward_terms),
 }

@@ -25,6 +25,7 @@ from qcar_env.engine.compile import (
     load,
     load_wide,
     negative_sum,
+    reward_terms,
     save,
     source_stamp,
     together,
@@ -379,14 +380,14 @@ def compose(what: Composition, single: bool) -> Kernels:
     ) -> Any:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         fixed = load(p, 0, 1, 0, FIXED)
-        costs = COSTS
+        terms = reward_terms(COSTS, 0.0)
         if action.shape[0] != m:
-            return WRONG_SHAPE, 0.0, False, False, costs, 0.0
+            return WRONG_SHAPE, 0.0, False, False, terms
         if clock[DONE] > 0.0:
-            return OVER, 0.0, False, False, costs, 0.0
+            return OVER, 0.0, False, False, terms
         first, last = float(action[0]), float(action[m - 1])
         if not (abs(first) <= HIGHEST and abs(last) <= HIGHEST):
-            return NOT_FINITE, 0.0, False, False, costs, 0.0
+            return NOT_FINITE, 0.0, False, False, terms
         given = (first, last)
         c = command_of(given, fixed.actuator)
         step = step_fractions(dt / n)
@@ -418,7 +419,8 @@ def compose(what: Composition, single: bool) -> Kernels:
         forces = forces_of(now)
         for i in range(m):
             push[i] = forces[i]
-        return FINE, negative_sum(costs) + penalty, out, late, costs, penalty
+        terms = reward_terms(costs, penalty)
+        return FINE, negative_sum(costs) + penalty, out, late, terms
 
     # Blocks of cars ---------------------------------------------------------------------------
     # Where a road needs a table, that of a car lies in `tables` between its two of `bounds`.
@@ -459,16 +461,22 @@ def compose(what: Composition, single: bool) -> Kernels:
         given: Any,
         dt: Any,
         n: Any,
+        kept: Any,
+        draw: Any,
         seen: Any,
     ) -> None:
-        """Begin episodes of the cars in `which`; `given` has a row for each, or one for all."""
+        """Begin episodes of the cars in `which`; `given` has a row for each, or one for all.
+
+        The numbers that they are drawn from are `kept`; they come from there if not `draw`.
+        """
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         for row in range(which.shape[0]):
             i = which[row]
             block, j, k = i // LANES, i % LANES, chosen[i]
-            uniforms = np.empty(counts[k, 0])
-            for each in range(uniforms.shape[0]):
-                uniforms[each] = uniform(streams, i)
+            uniforms = kept[i, : counts[k, 0]]
+            if draw:
+                for each in range(uniforms.shape[0]):
+                    uniforms[each] = uniform(streams, i)
             clock = clocks[block]
             start_car(
                 slabs[block],

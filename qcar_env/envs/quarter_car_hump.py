@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from qcar_env.envs import task
-from qcar_env.physics import engine, engine_sampled
+from qcar_env.engine.cars import NOT_FINITE, OVER, Car
+from qcar_env.envs import episode as task
 from qcar_env.physics.state import State
-from qcar_env.scenarios import Scenario, scenario as find_scenario, vary
+from qcar_env.scenarios import Scenario, scenario as find_scenario
+from qcar_env.scenarios.files import to_json
 from qcar_env.validation import finite, known
-
-SHOWN = np.dtype(np.float32)
 
 if TYPE_CHECKING:
     from qcar_env.envs.rendering import Picture, Renderer
@@ -113,6 +112,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         *,
         observe: task.Observe = "full",
         observe_limit: bool = False,
+        reward: task.RewardLike = "amplitudes",
         force_scale: float = 1.0,
         duration: float | None = None,
         render_mode: str | None = None,
@@ -122,72 +122,95 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         self.render_mode = render_mode
         self.caption = ("", "#0072B2")
         self._renderer: Renderer | None = None
-        known("observe", observe, task.OBSERVE)
-        self._observe: task.Observe = observe
-        self._observe_limit = bool(observe_limit)
-        self._force_scale = task.force_scale(force_scale)
-        self._duration = duration
+        self._spec: EnvSpec | None = None
+        self._settings = task.Settings(observe, bool(observe_limit), reward, duration, None)
         self._named = find_scenario(scenario)
-        self._base = self._configured(self._named, self._force_scale)
-        self._take(self._base)
-        self._episode: task.Factors | None = None
-        high = task.OBSERVATION_LIMIT
-        shape = (task.observation_size(observe, self._observe_limit),)
-        self.observation_space = gym.spaces.Box(-high, high, shape, np.float32)
-        self.action_space = gym.spaces.Box(-1.0, 1.0, (self._base.actuator.size,), np.float32)
-        self._shape = shape
-        self._action_shape = (self._base.actuator.size,)
-        self._car = np.zeros(engine_sampled.ONE_CAR)
-        self._car[engine_sampled.DONE] = 1.0
-        self._compile()
+        self._force_scale = task.force_scale(force_scale)
+        self._take(self._named, self._force_scale)
+        self._started = False
+        high, plan = task.OBSERVATION_LIMIT, self._plan
+        self.observation_space = gym.spaces.Box(-high, high, (len(plan.observed),), np.float32)
+        self.action_space = gym.spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
+        self._uniforms = np.zeros(0)
+        self._human = render_mode == "human"
 
-    def _compile(self) -> None:
-        functions: Any = task
-        kernels = engine_sampled.kernels(
-            functions,
-            task.observation_size(self._observe, False),
-            self._observe_limit,
-            self._base.actuator.size,
-            False,
-        )
-        self._begin = kernels.reset_one
-        self._held = np.array([self._car.ctypes.data, *engine.array_makers()], np.int64)
-        self._place = self._held.ctypes.data
-        self._advance = engine.direct(kernels.step_one, self._place, engine.OBJECT)
-        self._human = self.render_mode == "human"
+    def _take(self, named: Scenario, scale: float) -> None:
+        """Let the next episode begin with another scenario or force limit."""
+        plan = self._settings.plan(named, scale)
+        if not hasattr(self, "_car"):
+            self._car = Car(plan)
+        elif plan.composition != self._plan.composition:
+            raise ValueError(
+                f"scenario {named.name!r} is made of other parts than this environment's, or has "
+                "another number of actuators; make a new environment for it"
+            )
+        self._car.take(plan)
+        self._plan, self._named, self._force_scale = plan, named, scale
+        self._base = plan.scenario
+        self._action_shape = (self._base.actuator.size,)
+        self._keys = ("force", *(f"reward_{each.name}" for each in plan.terms), "reward_travel")
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave compiled code and the window behind; they are made anew."""
-        made = ("_held", "_place", "_begin", "_advance")
-        kept = {name: value for name, value in vars(self).items() if name not in made}
-        return {**kept, "_renderer": None}
+        """Leave the window behind; it is made anew."""
+        return {**vars(self), "_renderer": None}
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore everything else, and compile."""
-        vars(self).update(state)
-        self._compile()
+    @property
+    def spec(self) -> EnvSpec | None:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """What made the environment; it can be written as JSON and read back."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, given: EnvSpec | None) -> None:
+        if given is not None:
+            named = given.kwargs.get("scenario")
+            if isinstance(named, Scenario):
+                given.kwargs["scenario"] = to_json(named)
+            if given.max_episode_steps is not None:
+                self._set_most_steps(given.max_episode_steps)
+            given.max_episode_steps = self._base.steps
+        self._spec = given
+
+    def _set_most_steps(self, given: int) -> None:
+        kept = self._settings
+        self._settings = task.Settings(
+            kept.observe,
+            kept.observe_limit,
+            kept.reward,
+            kept.duration,
+            task.most_steps(given),
+        )
+        self._take(self._named, self._force_scale)
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario with this environment's force limit and duration, not randomised."""
+        """The scenario with this environment's force limit and duration; episodes are drawn from it.
+
+        Another one can be set, of the same parts; it holds from the next reset on.
+        """
         return self._base
+
+    @scenario.setter
+    def scenario(self, given: str | Scenario) -> None:
+        self._take(find_scenario(given), self._force_scale)
+
+    @property
+    def force_scale(self) -> float:
+        """Factor on the scenario's force limit [-]; another one holds from the next reset on."""
+        return self._force_scale
+
+    @force_scale.setter
+    def force_scale(self, given: float) -> None:
+        self._take(self._named, task.force_scale(given))
 
     @property
     def episode(self) -> Scenario:
         """The scenario of the running episode, as drawn."""
-        if self._episode is None:
-            return self._base
-        if self._base.randomisation is None:
-            return self._base
-        return vary(self._base, *self._episode)
+        return self._drawn_from.drawn(self._uniforms) if self._started else self._base
 
     @property
     def force_limit(self) -> NDArray[np.float64]:
         """Force that action 1 makes in this episode, shape (m,) [m/s^2] or [N]."""
-        if self._episode is None:
-            return np.array(self._base.actuator.limit)
-        first = engine_sampled.FORCES
-        return self._car[first : first + self._action_shape[0]].copy()
+        return np.array(self.episode.actuator.limit)
 
     @property
     def dt(self) -> float:
@@ -195,21 +218,16 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._base.dt
 
     @property
-    def _elapsed(self) -> int:
-        """Control intervals since the episode began."""
-        return int(self._car[engine_sampled.ELAPSED])
-
-    @property
     def state(self) -> State:
         """State of the plant in SI units."""
         self._check_running("state")
-        return State(*self._car[: engine_sampled.WORLD].tolist())
+        return State(*self._car.state.tolist())
 
     @property
     def time(self) -> float:
         """Time on the road [s], which begins at the drawn phase."""
         self._check_running("time")
-        return float(self._car[engine_sampled.START]) + self._elapsed * self._base.dt
+        return self._car.clock("start") + self._car.clock("elapsed") * self.dt
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -238,30 +256,23 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             known("reset option", key, task.RESET_OPTIONS)
         scale = task.force_scale(options.get("force_scale", self._force_scale))
         named = find_scenario(options.get("scenario", self._named))
-        base = self._base
-        if named is not self._named or scale != self._force_scale:
-            base = self._configured(named, scale)
+        changed = named is not self._named or scale != self._force_scale
         given = [math.nan] * 5
         if "state" in options:
+            base = self._settings.scenario(named, scale) if changed else self._base
             given[:4] = task.given_state(options["state"], base).tolist()
         if "phase" in options:
             given[4] = finite("phase", options["phase"], "rad")
-        super().reset(seed=seed)  # nothing changes before every option is known to be good
-        self._named, self._force_scale = named, scale
-        if base is not self._base:
-            self._base = base
-            self._take(base)
-        self._car[engine_sampled.DT] = base.dt
-        self._car[engine_sampled.SUBSTEPS] = base.substeps
-        draws = self.np_random.random(task.DRAWS)
-        observation = self._begin(
-            self._car, engine.array_makers(), draws, tuple(given), np.array(self._numbers)
-        )
-        self._episode = task.draw_factors(draws.tolist(), self._numbers)
-        if self.render_mode == "human":
+        if changed:
+            self._take(named, scale)
+        super().reset(seed=seed)  # nothing is drawn before every option is known to be good
+        self._uniforms = self.np_random.random(self._plan.source.count)
+        observation = self._car.begin(self._uniforms, np.array(given))
+        self._drawn_from, self._started = self._base, True
+        if self._human:
             self.render()
-        phase = float(self._car[engine_sampled.PHASE])
-        return observation, {"force": np.zeros(self._action_shape), "phase": phase}
+        force = np.zeros(self._action_shape)
+        return observation, {"force": force, "phase": self._car.clock("phase")}
 
     def step(
         self, action: NDArray[np.float32]
@@ -279,38 +290,32 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         reward : float
         terminated, truncated : bool
         info : dict
-            `force` (m,) [m/s^2] or [N], `reward_x1`, `reward_x2`, `reward_travel`.
+            `force` (m,) [m/s^2] or [N], ``reward_<term>`` of each term, `reward_travel`.
 
         Raises
         ------
         ValueError
             If the action has the wrong shape or is not a number, or the episode is over.
         """
-        advance = self._advance
-        code, observation, reward, terminated, truncated, force, x1, x2, travel = advance(
-            self._place, action
-        )
+        try:
+            code, observation, reward, terminated, truncated, terms, force = self._car.step(action)
+        except TypeError:  # no array of float32
+            return self.step(task.checked_actions("action", action, self._action_shape, "actuator"))
         if code:
-            return self._step_again(code, action)
+            self._refuse(code, action)
         if self._human:
             self.render()
-        info = {"force": force, "reward_x1": x1, "reward_x2": x2, "reward_travel": travel}
+        info = dict(zip(self._keys, (force, *terms)))  # noqa: B905 - equal lengths, and quicker
         return observation, reward, terminated, truncated, info
 
-    def _step_again(
-        self, code: int, action: Any
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Take a step with an action that the engine has not taken as it is, or refuse it."""
-        if code == -3:
-            return self.step(self._checked(action))
+    def _refuse(self, code: int, action: Any) -> None:
+        """Say why a step was not taken."""
         self._check_running("step")
-        if code == -2:
+        if code == OVER:
             raise ValueError("the episode is over; call reset before the next step")
-        raise ValueError(f"action must be finite, got {action}; allowed range is [-1, 1]")
-
-    def _checked(self, action: Any) -> NDArray[np.float32]:
-        """Return a copy of an action as an array of the kind that the engine takes."""
-        return task.checked_actions("action", action, self._action_shape, "actuator")
+        if code == NOT_FINITE:
+            raise ValueError(f"action must be finite, got {action}; allowed range is [-1, 1]")
+        task.checked_actions("action", action, self._action_shape, "actuator")
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a frame (480, 640, 3) in the mode "rgb_array"; show it in the mode "human".
@@ -356,9 +361,9 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             nominal=self._base,
             episode=self.episode,
             time=self.time,
-            elapsed=self._elapsed * self._base.dt,
+            elapsed=self._car.clock("elapsed") * self.dt,
             state=self.state,
-            action=tuple(self._car[engine_sampled.HELD :][: self._action_shape[0]].tolist()),
+            action=tuple(self._car.held.tolist()),
         )
 
     def close(self) -> None:
@@ -367,21 +372,6 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             self._renderer.close()
             self._renderer = None
 
-    def _configured(self, named: Scenario, scale: float) -> Scenario:
-        if hasattr(self, "_base") and named.actuator.size != self._base.actuator.size:
-            raise ValueError(
-                f"scenario {named.name!r} has {named.actuator.size} actuator(s), this environment "
-                f"{self._base.actuator.size}; make a new environment for it"
-            )
-        found = named.with_force_scale(scale)
-        if self._duration is not None:
-            found = dataclasses.replace(found, duration=self._duration)
-        return found
-
-    def _take(self, base: Scenario) -> None:
-        self._numbers = task.nominal_numbers(base, self._named)
-        self._dt, self._substeps = base.dt, base.substeps
-
     def _check_running(self, what: str) -> None:
-        if self._episode is None:
+        if not self._started:
             raise gym.error.ResetNeeded(f"no episode yet; call reset before {what}")

@@ -37,7 +37,8 @@ class Plan:
     penalty : float
         What leaving the travel costs, for each reference amplitude of the limit [-].
     own : Scenario, optional
-        The scenario before its force limit was scaled, which is 1 in the observation.
+        The scenario before its force limit was scaled; its limit is 1 in the observation, and its
+        uncontrolled motion gives the scales.
     unscaled : tuple of float, optional
         For the search of scales: amplitudes and frequencies of the starts; readings are shown in
         millionths and no travel ends an episode.
@@ -65,7 +66,7 @@ class Plan:
         """The scenario as plain numbers."""
         scenario = self.scenario
         if self.unscaled is None:
-            found = scenario.reference
+            found = (self.own or scenario).reference
             limit = scenario.travel_limit
             amplitudes = Amplitudes(
                 *found.start,

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from qcar_env.engine.stepping import OBSERVATION_LIMIT
 from qcar_env.physics import linear
 from qcar_env.physics.signals import SIGNALS, Signal
 from qcar_env.validation import non_negative, positive, store
@@ -171,21 +172,22 @@ def _largest(
 
 def _idle(plan: Any, seed: int | None, n: int) -> NDArray[np.float64]:
     """Return the largest reading of each signal of idle cars, from rest or from drawn starts."""
-    from qcar_env.engine.cars import DISABLED, Cars, streams
+    from qcar_env.engine.cars import Car
 
-    cars = Cars(n, plan)
-    given = np.full((n, 5), np.nan)
-    if seed is None:
-        given[:] = 0.0
-    cars.seed(np.arange(n), streams(range(n)))
-    largest = np.abs(cars.reset(np.ones(n, dtype=np.bool_), given)).max(axis=0).astype(np.float64)
-    idle = np.zeros((n, cars.actions), np.float32)
-    for _ in range(plan.scenario.steps):
-        seen = cars.step(idle, DISABLED).seen
-        if not np.isfinite(seen).all():
+    car = Car(plan)
+    rng = np.random.default_rng(seed)
+    given = np.full(5, np.nan if seed is not None else 0.0)
+    idle = np.zeros(car.actions, np.float32)
+    largest = np.zeros(car.size)
+    for _ in range(n):
+        seen = np.abs(car.begin(rng.random(plan.source.count), given))
+        for _ in range(plan.scenario.steps):
+            np.maximum(largest, seen, out=largest)
+            seen = np.abs(car.step(idle)[1])
+        np.maximum(largest, seen, out=largest)
+        if not np.isfinite(seen).all() or largest.max() >= OBSERVATION_LIMIT:
             raise ValueError(
                 "the uncontrolled car must stay within bounds, but it diverges; give it damping, "
                 "softer stops, a smaller dt or more substeps"
             )
-        np.maximum(largest, np.abs(seen).max(axis=0), out=largest)
     return largest / TINY

@@ -150,7 +150,9 @@ class Scenario:
     def numbers(self) -> Numbers:
         """All numbers that can vary, by name."""
         force = Force(float(self.force.f), float(self.force.Omega))
-        return Numbers(self.car.numbers, self.road.numbers, self.speed, force, self.actuator.numbers)
+        return Numbers(
+            self.car.numbers, self.road.numbers, self.speed, force, self.actuator.numbers
+        )
 
     @property
     def reference(self) -> Reference:

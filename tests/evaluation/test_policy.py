@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from qcar_env.evaluation.batch_rollouts import Crossings, batch_rollout
-from qcar_env.evaluation.benchmark import may_enter
+from qcar_env.evaluation.entry import may_enter
 from qcar_env.evaluation.rollouts import rollout
 from qcar_env.evaluation.tracks import episodes, track
 from qcar_env.scenarios import scenario

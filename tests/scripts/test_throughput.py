@@ -4,6 +4,7 @@ import operator
 
 import pytest
 
+from qcar_env.evaluation.throughput import closed_loops, environments, timing
 from qcar_env.physics.dynamics import Coefficients, rate
 from qcar_env.physics.forcing import Amplitudes, MiddleAmplitudes, Passage, World
 from qcar_env.physics.motion import substep
@@ -54,23 +55,21 @@ def count_operations():
 
 def test_the_operations_of_a_step_are_counted_from_the_source():
     assert rate is not None
-    assert operator.eq(count_operations(), throughput.OPERATIONS)
+    assert operator.eq(count_operations(), closed_loops.OPERATIONS)
 
 
 def test_ratios_are_taken_round_by_round():
-    fast = throughput.Timing(name="fast", seconds=(1.0, 2.0, 1.0, 1.0))
-    slow = throughput.Timing(name="slow", seconds=(3.0, 6.0, 3.0, 3.0))
+    fast = timing.Timing(name="fast", seconds=(1.0, 2.0, 1.0, 1.0))
+    slow = timing.Timing(name="slow", seconds=(3.0, 6.0, 3.0, 3.0))
     assert fast.times_faster_than(slow) == (3.0, 3.0, 3.0)
 
 
 def test_candidates_are_timed_in_every_round():
     calls = []
-    work = throughput.Candidate(
-        name="sum", run=lambda n: calls.append(sum(range(2000 * n))), steps=2
-    )
-    (timing,) = throughput.interleave([work], 4)
-    assert len(timing.seconds) == 4
-    assert 0.0 < timing.median < 1e-3
+    work = timing.Candidate(name="sum", run=lambda n: calls.append(sum(range(2000 * n))), steps=2)
+    (found,) = timing.interleave([work], 4)
+    assert len(found.seconds) == 4
+    assert 0.0 < found.median < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -89,8 +88,8 @@ def test_a_wrong_number_is_refused(capsys, flag, value, message):
 
 @pytest.mark.slow
 def test_the_command_writes_its_result(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(throughput, "SLICE", 0.001)
-    monkeypatch.setattr(throughput, "PROCESSES", 1)
+    monkeypatch.setattr(timing, "SLICE", 0.001)
+    monkeypatch.setattr(environments, "PROCESSES", 1)
     assert throughput.main(["--rounds", "3", "--num-envs", "1", "--out", str(tmp_path)]) == 0
     assert (tmp_path / "throughput.json").exists()
     assert "CartPoleVectorEnv 1" in capsys.readouterr().out
