@@ -1,14 +1,14 @@
 """What a control law is. `qcar_env.physics.closed_loop` closes it around a car.
 
-    @dataclass(frozen=True, kw_only=True)
-    class LNVC(Law):
-        G1: float = number("gain", "1/s", non_negative, 1.2)
-        G2: float = number("gain", "1/s", non_negative, 1.2)
-        name = "LNVC"
+@dataclass(frozen=True, kw_only=True)
+class LNVC(Law):
+    G1: float = number("gain", "1/s", non_negative, 1.2)
+    G2: float = number("gain", "1/s", non_negative, 1.2)
+    name = "LNVC"
 
-        @staticmethod
-        def command(x, eta, p):
-            return -p.G1 * x.v1, -p.G2 * x.v2
+    @staticmethod
+    def command(x, eta, p):
+        return -p.G1 * x.v1, -p.G2 * x.v2
 """
 
 from __future__ import annotations

@@ -241,7 +241,9 @@ def run(
     layout, advance = compose(what, hold > 0, bool(fused))
     rows = np.zeros((layout.size, n))
     lead = layout.row("scratch")
-    same: dict[int, tuple[float, ...]] = {}  # by identity: cases share most of what they are made of
+    same: dict[
+        int, tuple[float, ...]
+    ] = {}  # by identity: cases share most of what they are made of
     for i, each in enumerate(cases):
         shared = each.state, each.limits
         for one in shared:
