@@ -17,7 +17,6 @@ from qcar_env.engine.closed_loop import (
     Case,
     Composition,
     Drive,
-    Fixed,
     Outcome,
     drive,
     loop_road,
@@ -209,7 +208,7 @@ class Cases:
                     car.functions,
                     loop_road(road_functions(type(road.road))),
                     self.laws[i].functions,
-                    Fixed(*one.fixed, law, self.limits[i]),
+                    one.under(law, self.limits[i]),
                     None if self.actuator is None else type(self.actuator),
                 )
                 alike[kind] = groups.setdefault(what, [])
@@ -377,8 +376,8 @@ def _checked_start(start: Any, rest: Any) -> ControlledState:
         )
     if len(given[1]) != len(tree.flat(rest)):
         raise ValueError(
-            f"the filter of start must be a {type(rest).__name__} of {len(tree.flat(rest))} numbers, "
-            f"got {shown(memory)}; give that of the law, or a State alone for one at rest"
+            f"the filter of start must be a {type(rest).__name__} of {len(tree.flat(rest))} "
+            f"numbers, got {shown(memory)}; give that of the law, or a State for a filter at rest"
         )
     return ControlledState(
         State(

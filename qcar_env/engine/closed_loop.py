@@ -1,7 +1,7 @@
 """Closed loops, compiled: a law that acts inside the Runge-Kutta stages, or is sampled and held.
 
-Blocks of cars as in `qcar_env.engine.stepping`. All cars of a call have the same functions; what they
-are made of is told by `Composition`, their numbers by `Fixed`.
+Blocks of cars as in `qcar_env.engine.stepping`. All cars of a call have the same functions, those
+of their `Composition`, and each its own numbers.
 """
 
 # pyright: basic
@@ -35,7 +35,6 @@ from qcar_env.engine.compile import (
 from qcar_env.engine.course import Course, RoadFunctions, course, sine_pieces
 from qcar_env.engine.layout import Layout
 from qcar_env.engine.starts import Force
-from qcar_env.parts.part import Nothing
 from qcar_env.physics import tree
 from qcar_env.physics.car import REST, CarFunctions
 from qcar_env.physics.closed_loop import ControlledState, LawFunctions, Limits, loop_functions
@@ -148,6 +147,10 @@ class Drive:
         """What a slab holds of it, from the phasors on; the window is that of no measurement."""
         clock = Clock(float(self.kink), self.next, float(NEVER))
         return (*flat((self.phasors, clock)), *_BLANK, *flat(self.fixed))
+
+    def under(self, law: Any, limits: Any) -> Fixed:
+        """Return all numbers that stay the same, with those of a law and its limits."""
+        return Fixed(*self.fixed, law, limits)  # pyright: ignore
 
 
 def drive(
