@@ -98,9 +98,10 @@ def source_stamp(*functions: Callable[..., Any]) -> str:
     numba's cache on disk looks at the file that holds a kernel and at nothing else: it would go on
     using the machine code of a law that has been edited since. Kernels close over this stamp, so
     that it becomes part of the cache's key. The files are those of the modules of `functions` and
-    of whatever modules of the same packages they refer to, and so on.
+    of whatever modules of the same packages they refer to, and so on; likewise those of the
+    functions that they close over, such as a car's over its parts'.
     """
-    todo = [function.__module__ for function in functions] + [__name__]
+    todo = [module for function in functions for module in _modules(function)] + [__name__]
     found: set[str] = set()
     while todo:
         name = todo.pop()
@@ -120,6 +121,15 @@ def source_stamp(*functions: Callable[..., Any]) -> str:
             with open(path, "rb") as file:
                 stamp.update(file.read())
     return stamp.hexdigest()
+
+
+def _modules(function: Any) -> list[str]:
+    """Return the modules of a function and of the functions that it closes over."""
+    found = [function.__module__]
+    for cell in function.__closure__ or ():
+        if isinstance(cell.cell_contents, FunctionType):
+            found += _modules(cell.cell_contents)
+    return found
 
 
 def together(functions: tuple[Any, ...], *, each_its_own: bool = False) -> Any:
