@@ -1,5 +1,7 @@
 """What a control law is. `qcar_env.physics.closed_loop` closes it around a car.
 
+A law of one's own is a subclass with its gains and one function:
+
     @dataclass(frozen=True, kw_only=True)
     class LNVC(Law):
         G1: float = number("gain", "1/s", non_negative, 1.2)
@@ -20,7 +22,6 @@ from typing import Any, ClassVar
 from qcar_env.parts.part import Nothing, Part
 from qcar_env.physics.car import Car
 from qcar_env.physics.closed_loop import ControlledState, LawFunctions
-from qcar_env.physics.state import State
 from qcar_env.validation import shown
 
 __all__ = [
@@ -98,6 +99,6 @@ def check_law(law: Any) -> None:
         )
     if (law.filter_rate is None) != (law.State is Nothing):
         raise ValueError(
-            f"law {law.name} must have both State and filter_rate or neither, got "
-            f"State = {law.State.__name__} and filter_rate = {shown(law.filter_rate)}; add the other"
+            f"law {law.name} must have both a State and a filter_rate or neither, got "
+            f"{law.State.__name__} and {shown(law.filter_rate)}; add the other"
         )

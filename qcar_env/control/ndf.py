@@ -82,7 +82,9 @@ class NDF(Law):
         return -p.G1 * eta.eta1_dot, -p.G2 * eta.eta2_dot
 
     @staticmethod
-    def filter_rate(x: Any, eta: Any, p: Any) -> Filter:
+    def filter_rate(  # pyright: ignore[reportIncompatibleVariableOverride]
+        x: Any, eta: Any, p: Any
+    ) -> Filter:
         """Return the rate of the filter."""
         w1, w2 = p.omega_f1, p.omega_f2
         return Filter(

@@ -83,7 +83,9 @@ class PPF(Law):
         return p.G1 * eta.eta1, p.G2 * eta.eta2
 
     @staticmethod
-    def filter_rate(x: Any, eta: Any, p: Any) -> Filter:
+    def filter_rate(  # pyright: ignore[reportIncompatibleVariableOverride]
+        x: Any, eta: Any, p: Any
+    ) -> Filter:
         """Return the rate of the filter."""
         return Filter(
             eta.eta1_dot,

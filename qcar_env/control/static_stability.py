@@ -24,8 +24,8 @@ def check_static_stiffness(
     ------
     ValueError
         If the static stiffness ``[[omega1^2 - G1, -E1], [-E3, omega2^2 - G2]]`` is not positive
-        definite in its leading minors; the message gives the limit. For a car that is not linear the
-        stiffness is that about its rest.
+        definite in its leading minors; the message gives the limit. The stiffness of a car
+        that is not linear is that about its rest.
 
     Notes
     -----

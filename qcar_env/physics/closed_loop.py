@@ -1,11 +1,11 @@
 """A car with a control law closed around it in continuous time.
 
-The law acts at every instant and its filter is integrated together with the car. It asks for specific
-forces on wheel and body; these act as they are, or within limits, or as well as one actuator between
-the masses can give both: ``F = m2 u2 - m1 u1``.
+The law acts at every instant and its filter is integrated together with the car. It asks for
+specific forces on wheel and body; these act as they are, or within limits, or as well as one
+actuator between the masses can give both: ``F = m2 u2 - m1 u1``.
 
-`qcar_env.physics.car` has the cars, `qcar_env.control.law` says what a law is. Their functions are put
-together here once for each pair of classes, so that compiled code sees one function.
+`qcar_env.physics.car` has the cars, `qcar_env.control.law` says what a law is. Their functions are
+put together here once for each pair of classes, so that compiled code sees one function.
 """
 
 from __future__ import annotations
