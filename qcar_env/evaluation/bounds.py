@@ -7,6 +7,7 @@ from functools import lru_cache
 
 from qcar_env.analysis.optimum import episode_optimum, period_optimum
 from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
+from qcar_env.parts.part import Nothing
 from qcar_env.scenarios import Scenario
 
 OPTIMUM_SAMPLES = 64  # forces in a period of the linear program
@@ -47,14 +48,19 @@ def optimum_of(
     harmonic it is that of the whole episode, of forces held over the control interval and at the
     instants that policies see. Of a plant that is not linear none is known: the result is empty.
     """
-    nominal = track.nominal
-    if not (nominal.car.linear and nominal.actuator.linear):
+    if not _linear(track.nominal):
         return ()
     batch = episodes(track, split, force_scale=force_scale, seed=seed)
     if track.periods is None:
         return tuple(map(_of_episode, batch))
     same = not nominal.randomisation
     return tuple(optimum(each.scenario, held=same) for each in batch)
+
+
+def _linear(scenario: Scenario) -> bool:
+    actuator = scenario.actuator
+    at_once = actuator.State is Nothing and not actuator.delay
+    return scenario.car.linear and actuator.linear and at_once
 
 
 def _of_episode(episode: Episode) -> Bound:

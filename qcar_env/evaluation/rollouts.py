@@ -106,7 +106,12 @@ class Rollouts:
 
     def rho(self, periods: int | None) -> Array:
         """Return `Rollout.rho` of each episode, shape (n,)."""
-        return np.array([self[j].rho(periods) for j in range(len(self))])
+        return np.array(
+            [
+                metrics.rho(self[j].amplitudes(periods), each.uncontrolled)
+                for j, each in enumerate(self.episodes)
+            ]
+        )
 
 
 def check_periods(periods: int | None, scenario: Scenario) -> None:

@@ -56,6 +56,11 @@ class Episode:
         """The scenario as drawn, with its force limit."""
         return self.nominal.with_force_scale(self.force_scale).drawn(self.uniforms)
 
+    @cached_property
+    def uncontrolled(self) -> tuple[float, float]:
+        """Amplitudes of x1 and x2 without control [m]."""
+        return self.scenario.reference_amplitudes
+
     @property
     def drawn(self) -> dict[str, float]:
         """What has been drawn, by the first number that it changes."""
