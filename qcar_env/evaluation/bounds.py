@@ -48,7 +48,7 @@ def optimum_of(
     harmonic it is that of the whole episode, of forces held over the control interval and at the
     instants that policies see. Of a plant that is not linear none is known: the result is empty.
     """
-    if not _linear(track.nominal):
+    if not linear_plant(track.nominal):
         return ()
     batch = episodes(track, split, force_scale=force_scale, seed=seed)
     if track.periods is None:
@@ -57,7 +57,8 @@ def optimum_of(
     return tuple(optimum(each.scenario, held=same) for each in batch)
 
 
-def _linear(scenario: Scenario) -> bool:
+def linear_plant(scenario: Scenario) -> bool:
+    """Return whether a scenario's optimum is a linear program: car and actuator are linear."""
     actuator = scenario.actuator
     at_once = actuator.State is Nothing and not actuator.delay
     return scenario.car.linear and actuator.linear and at_once

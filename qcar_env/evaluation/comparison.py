@@ -17,6 +17,7 @@ from qcar_env.analysis.optimum import Optimum, period_optimum
 from qcar_env.analysis.paper.table1 import Cell, table1
 from qcar_env.control.law import Law
 from qcar_env.evaluation import storage, tables
+from qcar_env.evaluation.bounds import linear_plant
 from qcar_env.evaluation.entry import Entry, shown_to
 from qcar_env.evaluation.outcome import Outcome, outcome
 from qcar_env.evaluation.rollouts import Rollout, rollout
@@ -69,7 +70,7 @@ def compare(
     harmonic = scenario.excitation.harmonic
     made = [(each, each.make(scenario, None, 1.0)) for each in entries]
     entered = [(each, policy) for each, policy in made if not shown_to(policy, "full")[1]]
-    steady = harmonic and scenario.car.linear
+    steady = harmonic and linear_plant(scenario)
     cells: tuple[Cell, ...] = ()
     if steady:
         say("Table 1: simulating in continuous time (the first time, compiling: half a minute)")
