@@ -182,7 +182,8 @@ def tune(
     search = SEARCHES[known("baseline to tune", baseline, SEARCHES)]
     whole("population", population, least=LEAST_POPULATION)
     whole("seed", seed, least=0)
-    count = (VARIED if track.nominal.randomisation else 1) if crossings is None else whole("crossings", crossings)
+    usual = VARIED if track.nominal.randomisation else 1
+    count = usual if crossings is None else whole("crossings", crossings)
     nominal = track.at(force_scale)
     drawn = episodes(track, "training", force_scale=force_scale, count=count)
     training = [_on_optimum(each) for each in drawn]

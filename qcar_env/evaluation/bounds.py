@@ -53,7 +53,7 @@ def optimum_of(
     batch = episodes(track, split, force_scale=force_scale, seed=seed)
     if track.periods is None:
         return tuple(map(_of_episode, batch))
-    same = not nominal.randomisation
+    same = not track.nominal.randomisation
     return tuple(optimum(each.scenario, held=same) for each in batch)
 
 

@@ -38,7 +38,7 @@ class Comparison:
     rollouts: Mapping[str, Rollout]  # by policy
     laws: Mapping[str, Law]  # by policy, of those that are laws
     learned: tuple[str, ...] = ()  # which policies are
-    table1: tuple[Cell, ...] = ()  # the paper's, in continuous time; of a linear car on a sine alone
+    table1: tuple[Cell, ...] = ()  # the paper's, in continuous time; see `linear_plant`
     optimum: Optimum | None = None  # likewise
 
 

@@ -72,7 +72,7 @@ class Rollout:
 
 @dataclass(frozen=True, kw_only=True)
 class Rollouts:
-    """Time histories of n episodes. A car that leaves its travel limits stays where it left them."""
+    """Time histories of n episodes; a car that leaves its limits stays where it left them."""
 
     episodes: tuple[Episode, ...]  # n
     t: Array  # (k,) time since the start, at the end of each interval [s]

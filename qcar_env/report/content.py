@@ -278,7 +278,12 @@ def _numbers(part: Any, home: str = "") -> Iterator[tuple[Cell, ...]]:
             yield from _numbers(value, f"{home}{each.name}.")
         elif isinstance(value, tuple):
             for number, entry in enumerate(value[:MOST_ENTRIES], start=1):
-                yield f"{each.metadata.get('title', '')} {number}", home + each.name, entry, _raised(unit)
+                yield (
+                    f"{each.metadata.get('title', '')} {number}",
+                    home + each.name,
+                    entry,
+                    _raised(unit),
+                )
         elif isinstance(value, float) and value < UNLIMITED:
             title = each.metadata.get("title") or PAPER_WORDS.get(each.name, each.name)
             yield title, home + each.name, value, _raised(unit.replace("-", ""))
