@@ -1,8 +1,8 @@
 """From what a law asks of wheel and body to actions: as much of it as the actuator can give.
 
-two actuators             u1 and u2 over their limits
-one between the masses    F = m2 u2 - m1 u1 over its limit: what both masses ask for
-a semi-active damper      the same force, as the damping c = -F / (v2 - v1) within its range
+Two actuators give u1 and u2 within their limits. One between the masses gives F = m2 u2 - m1 u1,
+what both masses ask for, within its own; a semi-active damper the same force, as the damping
+c = -F / (v2 - v1) within its range.
 """
 
 from __future__ import annotations

@@ -289,9 +289,7 @@ def test_an_observation_that_is_too_short_is_refused(size):
 
 @pytest.mark.parametrize("law", [None, "cnvc", LNVC])
 def test_what_is_no_law_is_refused(law):
-    with pytest.raises(
-        ValueError, match=r"law must be a control law, got .*; give one of"
-    ):
+    with pytest.raises(ValueError, match=r"law must be a control law, got .*; give one of"):
         LawPolicy(law, PAPER)
 
 
