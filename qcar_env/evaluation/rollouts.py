@@ -75,6 +75,7 @@ class Rollouts:
     """Time histories of n episodes; a car that leaves its limits stays where it left them."""
 
     episodes: tuple[Episode, ...]  # n
+    duration: float  # of each [s]
     t: Array  # (k,) time since the start, at the end of each interval [s]
     x: Array  # (k, n, 4) states (x1, x2, v1, v2) [m, m, m/s, m/s]
     force: Array  # (k, n, m) force of each actuator then [m/s^2] or [N]
@@ -89,6 +90,12 @@ class Rollouts:
 
     def __getitem__(self, j: int) -> Rollout:
         """Return one episode until its end."""
+        scenario = self.episodes[j].scenario
+        if scenario.duration != self.duration:
+            scenario = dataclasses.replace(scenario, duration=self.duration)
+        return self._one(j, scenario)
+
+    def _one(self, j: int, scenario: Scenario) -> Rollout:
         k = slice(0, int(self.lasted[j]))
         x1, x2, v1, v2 = self.x[k, j].T
         return Rollout(
@@ -100,7 +107,7 @@ class Rollouts:
             force=self.force[k, j],
             reward=self.reward[k, j],
             terminated=bool(self.terminated[j]),
-            scenario=self.episodes[j].scenario,
+            scenario=scenario,
             signals={name: each[k, j] for name, each in self.signals.items()},
         )
 
@@ -108,7 +115,7 @@ class Rollouts:
         """Return `Rollout.rho` of each episode, shape (n,)."""
         return np.array(
             [
-                metrics.rho(self[j].amplitudes(periods), each.uncontrolled)
+                metrics.rho(self._one(j, each.scenario).amplitudes(periods), each.uncontrolled)
                 for j, each in enumerate(self.episodes)
             ]
         )
@@ -223,8 +230,8 @@ def rollouts(
     check_policy(policy)
     shown = task.observed(observe, observe_limit)
     kept = tuple(dataclasses.replace(signal(each), scale=UNSCALED) for each in signals)
-    cars = _fleet(episodes, (*shown, *kept), duration)
-    n, size, dt, steps = cars.n, cars.actions, cars.plan.dt, cars.plan.scenario.steps  # type: ignore[attr-defined]
+    cars, lasting = _fleet(episodes, (*shown, *kept), duration)
+    n, size, dt, steps = cars.n, cars.actions, lasting.dt, lasting.steps
     rows = steps if last is None else min(whole("last", last), steps)
     x, force = np.empty((rows, n, 4)), np.empty((rows, n, size))
     reward, others = np.empty((rows, n)), np.empty((rows, n, len(kept)))
@@ -260,6 +267,7 @@ def rollouts(
                 end, over = states, over | out
     return Rollouts(
         episodes=tuple(episodes),
+        duration=lasting.duration,
         t=dt * np.arange(steps - rows + 1, steps + 1, dtype=np.float64),
         x=x,
         force=force,
@@ -270,8 +278,10 @@ def rollouts(
     )
 
 
-def _fleet(episodes: Any, observed: tuple[Signal, ...], duration: float | None) -> Cars:
-    """Return cars that draw from what the episodes are drawn from."""
+def _fleet(
+    episodes: Any, observed: tuple[Signal, ...], duration: float | None
+) -> tuple[Cars, Scenario]:
+    """Return cars that draw from what the episodes do, and a scenario of their length."""
     if not isinstance(episodes, Sequence) or not all(isinstance(e, Episode) for e in episodes):
         raise ValueError(
             f"episodes must be a sequence of Episode, got {type(episodes).__name__}; take them "
@@ -300,7 +310,7 @@ def _fleet(episodes: Any, observed: tuple[Signal, ...], duration: float | None) 
     cars = Cars(len(episodes), first)
     if others:
         cars.assign([(np.array(members[key]), each.source) for key, each in plans.items()])
-    return cars
+    return cars, first.scenario
 
 
 def _given(episodes: Sequence[Episode]) -> Array:
