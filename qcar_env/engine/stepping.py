@@ -677,6 +677,7 @@ def compose(what: Composition, single: bool) -> Kernels:
                 noted(moment(x, w, c, fixed, y, y_dot, input), s, z, clock, j, fixed)
 
     @kernel
+    @compiled_apart  # for kernels of many intervals, see `qcar_env.engine.held_law`
     def step(
         slabs: Any,
         clocks: Any,
