@@ -109,6 +109,7 @@ class Kernels:
     begin: Any
     show: Any
     ending: Any
+    entries: Any  # entries(x, phasors, command, fixed) of the observation on a turning road
     step_one: Any
     reset_one: Any
 
@@ -239,6 +240,10 @@ def compose(what: Composition, single: bool) -> Kernels:
             kink += 1
         y, y_dot, input = reading(t, kink, w, fixed, table)
         return moment(x, w, command, fixed, y, y_dot, input)
+
+    def entries_of(x: Any, w: Any, command: Any, fixed: Any) -> Any:
+        y, y_dot, input = reading(0.0, 0, w, fixed, NO_TABLE)
+        return times(read(moment(x, w, command, fixed, y, y_dot, input), fixed), fixed.scales)
 
     @compiled
     def entry(value: Any) -> Any:
@@ -841,6 +846,7 @@ def compose(what: Composition, single: bool) -> Kernels:
         begin=begin,
         show=show,
         ending=ending,
+        entries=entries_of,
         step_one=step_one,
         reset_one=reset_one,
     )
