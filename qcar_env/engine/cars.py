@@ -502,35 +502,40 @@ class Car:
     """
 
     def __init__(self, plan: Plan) -> None:
-        self.take(plan)
+        self.array = np.zeros(0)
+        self.plan = plan
         self._compile()
-        kernels = self.kernels
-        self._slab = aligned((kernels.moving.size,))
-        self._clock = aligned((kernels.clock.size,))
-        self._fixed = aligned((kernels.fixed.size,))
-        self._clock[kernels.clock.find("clock.done")] = 1.0
+        self.take(plan)
+        self.array[self._clock_row("done")] = 1.0
 
     def take(self, plan: Plan) -> None:
         """Let the next episode be drawn from another plan of the same composition."""
-        self._source = plan.source  # nothing changes before this is known to be good
-        self.plan = plan
-        self._dt, self._substeps = plan.dt, plan.substeps
+        own, table = self.kernels.own, plan.source.table
         self.size = len(plan.composition.observed)
         self.actions: int = plan.composition.actuator.size  # pyright: ignore[reportAttributeAccessIssue]
+        array = aligned((own.table + len(table),))
+        array[: own.table] = self.array[: own.table] if len(self.array) else 0.0
+        array[own.dt : own.dt + 2] = plan.dt, plan.substeps
+        array[own.table :] = table
+        self.array, self._source, self.plan = array, plan.source, plan
 
     def _compile(self) -> None:
         self.kernels = compose(self.plan.composition, False)
-        self._advance = self.kernels.step_one.compile(_ONE)
+        self.advance = self.kernels.step_one.compile(_ONE)
+
+    def _clock_row(self, name: str) -> int:
+        return self.kernels.own.clock + self.kernels.clock.find(f"clock.{name}")
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave compiled code behind; it is made anew."""
-        made = ("kernels", "_advance")
+        made = ("kernels", "advance")
         return {name: value for name, value in vars(self).items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore everything else, and compile."""
         vars(self).update(state)
         self._compile()
+        self.take(self.plan)
 
     def begin(self, uniforms: Array, given: Array) -> NDArray[np.float32]:
         """Begin an episode; return the observation (size,).
@@ -542,70 +547,38 @@ class Car:
         given : ndarray (5,)
             State and phase where they are not drawn, else not a number.
         """
-        seen = np.empty(self.size, SHOWN)
-        source, step = self._source, self._dt / self._substeps
+        source, seen = self._source, np.empty(self.size, SHOWN)
         self.kernels.reset_one(
-            *(self._slab, self._clock, self._fixed, uniforms, given),
-            *(source.row, source.draws, source.targets, source.table, step, seen),
+            self.array, uniforms, given, source.row, source.draws, source.targets, seen
         )
         return seen
 
-    def step(self, action: NDArray[np.float32]) -> tuple[Any, ...]:
-        """Hold forces for one control interval.
-
-        Parameters
-        ----------
-        action : ndarray (m,) of float32
-            Forces over their limits.
-
-        Returns
-        -------
-        tuple
-            Code (`FINE`, `OVER`, `NOT_FINITE`, `WRONG_SHAPE`), observation (size,), reward,
-            terminated, truncated, terms of the reward and the travel's penalty, forces (m,).
-
-        Raises
-        ------
-        TypeError
-            If the action is no array of float32.
-        """
-        seen, force = np.empty(self.size, SHOWN), np.empty(self.actions)
-        code, reward, terminated, truncated, terms = self._advance(
-            self._slab,
-            self._clock,
-            self._fixed,
-            self._source.table,
-            action,
-            self._dt,
-            self._substeps,
-            seen,
-            force,
-        )
-        return code, seen, reward, terminated, truncated, terms, force
+    # A step is ``advance(array, action, seen, force)`` with the action (m,) of float32; observation
+    # (size,) of float32 and forces (m,) are written. It returns a code (`FINE`, `OVER`,
+    # `NOT_FINITE`, `WRONG_SHAPE`), the reward, whether the episode is terminated or truncated, the
+    # reward's terms and the penalty for leaving the travel.
 
     @property
     def state(self) -> Array:
         """State (x1, x2, v1, v2) [m, m, m/s, m/s], shape (4,)."""
         row = self.kernels.moving.row("state")
-        return self._slab[row : row + 4].copy()
+        return self.array[row : row + 4].copy()
 
     @property
     def held(self) -> Array:
         """The last actions within [-1, 1], shape (m,)."""
         row = self.kernels.moving.row("held")
-        return self._slab[row : row + self.actions].copy()
+        return self.array[row : row + self.actions].copy()
 
     def clock(self, name: str) -> float:
         """Return an entry of `qcar_env.engine.starts.Clock`."""
-        return float(self._clock[self.kernels.clock.find(f"clock.{name}")])
+        return float(self.array[self._clock_row(name)])
 
 
 _NUMBERS = numba.types.Array(numba.types.float64, 1, "C")
-_ONE = (  # what `step_one` takes; actions may lie in memory in any way
-    *(_NUMBERS,) * 4,
+_ONE = (  # what a step takes; an action may lie in memory in any way
+    _NUMBERS,
     numba.types.Array(numba.types.float32, 1, "A"),
-    numba.types.float64,
-    numba.types.int64,
     numba.types.Array(numba.types.float32, 1, "C"),
     _NUMBERS,
 )

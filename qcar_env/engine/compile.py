@@ -215,15 +215,16 @@ def _negative_sum(costs: Any) -> Any:
     return _implementation("costs", body.replace("- ", "-", 1) or "0.0", {})
 
 
-def reward_terms(costs: Any, penalty: Any) -> Any:
-    """Return ``(-costs[0], -costs[1], ..., penalty)``."""
-    return (*(-each for each in costs), penalty)
+def outcome(code: Any, reward: Any, out: Any, late: Any, costs: Any, penalty: Any) -> Any:
+    """Return ``(code, reward, out, late, -costs[0], -costs[1], ..., penalty)``."""
+    return code, reward, out, late, *(-each for each in costs), penalty
 
 
-@overload(reward_terms, jit_options=INLINE, strict=False)
-def _reward_terms(costs: Any, penalty: Any) -> Any:
-    body = "".join(f"-costs[{i}], " for i in range(len(costs)))
-    return _implementation("costs, penalty", f"({body}penalty, )", {})
+@overload(outcome, jit_options=INLINE, strict=False)
+def _outcome(code: Any, reward: Any, out: Any, late: Any, costs: Any, penalty: Any) -> Any:
+    terms = "".join(f"-costs[{i}], " for i in range(len(costs)))
+    body = f"(code, reward, out, late, {terms}penalty)"
+    return _implementation("code, reward, out, late, costs, penalty", body, {})
 
 
 def load(z: Any, row: int, stride: int, lane: int, like: Any) -> Any:
@@ -320,5 +321,5 @@ def compiles(function: Any, *examples: Any) -> str:
 # What compiled code has in another form, above.
 _REGISTERED: set[Any] = {
     *(tree.advance, tree.add, tree.combine, tree.times, tree.bounded),
-    *(load, load_wide, save, negative_sum, reward_terms),
+    *(load, load_wide, save, negative_sum, outcome),
 }

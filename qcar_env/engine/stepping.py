@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from qcar_env.engine.compile import (
     load,
     load_wide,
     negative_sum,
-    reward_terms,
+    outcome,
     save,
     source_stamp,
     together,
@@ -96,6 +96,14 @@ class Composition:
         return mine == theirs
 
 
+class Own(NamedTuple):
+    """Places in the array of a car by itself, which begins with what moves."""
+
+    clock: int
+    dt: int  # and the substeps after it
+    table: int  # of the road, to the end
+
+
 @dataclass(frozen=True)
 class Kernels:
     """Compiled functions, and where things lie."""
@@ -112,6 +120,7 @@ class Kernels:
     entries: Any  # entries(x, phasors, command, fixed) of the observation on a turning road
     step_one: Any
     reset_one: Any
+    own: Own  # where things lie in the array of a car by itself
 
 
 @cache
@@ -362,70 +371,60 @@ def compose(what: Composition, single: bool) -> Kernels:
         for i in range(K):
             seen[i] = entry(entries[i])
 
+    # A car by itself is one array: what moves, its clock, what is fixed, dt, substeps, its road's
+    # table.
+    OWN_CLOCK = moving.size
+    OWN_FIXED = OWN_CLOCK + clocks.size
+    DT = OWN_FIXED + fixed_rows.size
+    SUBSTEPS, TABLE = DT + 1, DT + 2
+
     @kernel(nogil=False)
     def reset_one(
-        z: Any,
-        clock: Any,
-        p: Any,
-        uniforms: Any,
-        given: Any,
-        nominal: Any,
-        draws: Any,
-        targets: Any,
-        table: Any,
-        step: Any,
-        seen: Any,
+        car: Any, uniforms: Any, given: Any, nominal: Any, draws: Any, targets: Any, seen: Any
     ) -> None:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        z, clock, p = car[:OWN_CLOCK], car[OWN_CLOCK:OWN_FIXED], car[OWN_FIXED:DT]
+        step, table = car[DT] / int(car[SUBSTEPS]), car[TABLE:]
         start_car(z, clock, p, 1, 0, uniforms, given, nominal, draws, targets, table, step, seen)
 
     @kernel(nogil=False)
-    def step_one(
-        z: Any, clock: Any, p: Any, table: Any, action: Any, dt: Any, n: Any, seen: Any, push: Any
-    ) -> Any:
+    def step_one(car: Any, action: Any, seen: Any, push: Any) -> Any:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        fixed = load(p, 0, 1, 0, FIXED)
-        terms = reward_terms(COSTS, 0.0)
         if action.shape[0] != m:
-            return WRONG_SHAPE, 0.0, False, False, terms
-        if clock[DONE] > 0.0:
-            return OVER, 0.0, False, False, terms
+            return outcome(WRONG_SHAPE, 0.0, False, False, COSTS, 0.0)
+        time = load(car, OWN_CLOCK, 1, 0, CLOCK)
+        if time.done > 0.0:
+            return outcome(OVER, 0.0, False, False, COSTS, 0.0)
         first, last = float(action[0]), float(action[m - 1])
         if not (abs(first) <= HIGHEST and abs(last) <= HIGHEST):
-            return NOT_FINITE, 0.0, False, False, terms
+            return outcome(NOT_FINITE, 0.0, False, False, COSTS, 0.0)
+        fixed = load(car, OWN_FIXED, 1, 0, FIXED)
+        dt, n, table = car[DT], int(car[SUBSTEPS]), car[TABLE:]
         given = (first, last)
         c = command_of(given, fixed.actuator)
-        step = step_fractions(dt / n)
-        time = load(clock, 0, 1, 0, CLOCK)
-        x, w = load(z, X, 1, 0, STATE), load(z, W, 1, 0, PHASORS)
+        x, w = load(car, X, 1, 0, STATE), load(car, W, 1, 0, PHASORS)
         t = time.start + time.elapsed * dt
-        x, w, kink, next = drive(x, w, c, fixed, int(time.kink), time.next, t, dt, n, step, table)
+        x, w, kink, next = drive(
+            x, w, c, fixed, int(time.kink), time.next, t, dt, n, step_fractions(dt / n), table
+        )
         elapsed = time.elapsed + 1.0
         now = look(x, w, c, fixed, kink, time.start + elapsed * dt, table)
-        costs, out, measured = judge(now, load(z, BEFORE_ROW, 1, 0, BEFORE), fixed)
+        costs, out, measured = judge(now, load(car, BEFORE_ROW, 1, 0, BEFORE), fixed)
         late = elapsed >= time.last and not out
         penalty = -fixed.penalty if out else 0.0
         done = 1.0 if out or late else 0.0
-        save(z, X, 1, 0, x)
-        save(z, W, 1, 0, w)
-        save(z, BEFORE_ROW, 1, 0, measured)
-        save(
-            clock,
-            0,
-            1,
-            0,
-            Clock(elapsed, time.last, done, time.start, time.phase, float(kink), next),
-        )
-        z[HELD] = min(max(first, -1.0), 1.0)
-        z[HELD + m - 1] = min(max(last, -1.0), 1.0)
+        clock = Clock(elapsed, time.last, done, time.start, time.phase, float(kink), next)
+        save(car, X, 1, 0, x)
+        save(car, W, 1, 0, w)
+        save(car, BEFORE_ROW, 1, 0, measured)
+        save(car, OWN_CLOCK, 1, 0, clock)
+        car[HELD] = min(max(first, -1.0), 1.0)
+        car[HELD + m - 1] = min(max(last, -1.0), 1.0)
         entries = times(read(now, fixed), fixed.scales)
         for i in range(K):
             seen[i] = entry(entries[i])
-        forces = forces_of(now)
-        for i in range(m):
-            push[i] = forces[i]
-        terms = reward_terms(costs, penalty)
-        return FINE, negative_sum(costs) + penalty, out, late, terms
+        save(push, 0, 1, 0, forces_of(now))
+        return outcome(FINE, negative_sum(costs) + penalty, out, late, costs, penalty)
 
     # Blocks of cars ---------------------------------------------------------------------------
     # Where a road needs a table, that of a car lies in `tables` between its two of `bounds`.
@@ -849,4 +848,5 @@ def compose(what: Composition, single: bool) -> Kernels:
         entries=entries_of,
         step_one=step_one,
         reset_one=reset_one,
+        own=Own(clock=OWN_CLOCK, dt=DT, table=TABLE),
     )

@@ -177,13 +177,14 @@ def _idle(plan: Any, seed: int | None, n: int) -> NDArray[np.float64]:
     car = Car(plan)
     rng = np.random.default_rng(seed)
     given = np.full(5, np.nan if seed is not None else 0.0)
-    idle = np.zeros(car.actions, np.float32)
+    idle, force = np.zeros(car.actions, np.float32), np.empty(car.actions)
     largest = np.zeros(car.size)
     for _ in range(n):
         seen = np.abs(car.begin(rng.random(plan.source.count), given))
         for _ in range(plan.scenario.steps):
             np.maximum(largest, seen, out=largest)
-            seen = np.abs(car.step(idle)[1])
+            car.advance(car.array, idle, seen, force)
+            seen = np.abs(seen)
         np.maximum(largest, seen, out=largest)
         if not np.isfinite(seen).all() or largest.max() >= OBSERVATION_LIMIT:
             raise ValueError(
