@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.engine.compile import LANES, aligned
+from qcar_env.engine.held_law import driver
 from qcar_env.engine.layout import columns
 from qcar_env.engine.random import streams
 from qcar_env.engine.stepping import (
@@ -25,6 +26,7 @@ from qcar_env.engine.stepping import (
     Kernels,
     compose,
 )
+from qcar_env.physics import tree
 from qcar_env.validation import whole
 
 Array = NDArray[np.float64]
@@ -33,6 +35,7 @@ BOOL, COUNT = np.dtype(np.bool_), np.dtype(np.int64)
 
 CARS_A_THREAD = 16384  # at least: handing fewer over to another thread costs what it saves
 DISABLED, NEXT_STEP, SAME_STEP = range(3)  # what becomes of a car whose episode is over
+MOVING = ("_slabs", "_clocks", "_fixed", "_of_block", "_streams", "uniforms")
 NOTHING_GIVEN = np.full((1, 5), np.nan)
 
 
@@ -372,7 +375,74 @@ class Cars:
             "[-1, 1]. No car has moved"
         )
 
-    # What can be looked at ---------------------------------------------------------------------
+    def drive(
+        self,
+        act: Any,
+        gains: Array,
+        seen: NDArray[np.float32],
+        *,
+        intervals: int,
+        window: int,
+        shared: tuple[Any, ...] = (),
+    ) -> Array:
+        """Let laws drive for many control intervals, in compiled code, through ends of episodes.
+
+        Parameters
+        ----------
+        act : callable
+            A law, see `qcar_env.engine.held_law`.
+        gains : ndarray (k, ...)
+            Of k laws; the first drives the first n / k cars, and so on.
+        seen : ndarray (n, size) of float32
+            What the cars' policies see now; in the end, what they see then.
+        intervals, window : int
+            How many control intervals, and how many at their end amplitudes are taken over.
+        shared : tuple
+            What the laws have in common.
+
+        Returns
+        -------
+        ndarray (n, 2)
+            Largest |x1|, |x2| [m] at the ends of the intervals in the window; infinite for a car
+            whose state or action is no finite number.
+
+        Raises
+        ------
+        ValueError
+            If the cars cannot be shared out among the laws.
+        """
+        laws = len(gains)
+        if not laws or self.n % laws:
+            raise ValueError(
+                f"laws must drive equally many of {self.n} cars, got {laws} laws; give a divisor"
+            )
+        peak = np.zeros((self.n, 2))
+        driver(self.kernels.step.py_func, act)(
+            *(*self._moving(), self._scratch, *self._settings, *self._outputs()[1:]),
+            *(seen, np.zeros(self._shape, SHOWN), gains, self.n // laws, shared),
+            *(intervals, window, self.kernels.moving.row("state"), peak),
+        )
+        return np.where(np.isnan(peak), np.inf, peak)
+
+    # What can be looked at and kept ------------------------------------------------------------
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return all that moves: enough for a fleet with the same sources to go on from."""
+        return {name: getattr(self, name).copy() for name in MOVING}
+
+    def restore(self, kept: dict[str, NDArray[Any]]) -> None:
+        """Go on from a snapshot."""
+        for name in MOVING:
+            getattr(self, name)[...] = kept[name]
+
+    def entries(self, name: str) -> Any:
+        """Return the cars' `state`, `phasors` or `fixed`: a named tuple of arrays (n,)."""
+        kernels = self.kernels
+        own = name == "fixed"
+        layout = kernels.fixed if own else kernels.moving
+        slabs = self._fixed[self._of_block[:, 0]] if own else self._slabs
+        like = layout.trees[name]
+        return tree.unflat(like, columns(slabs, layout.row(name), len(tree.flat(like)), self.n))
 
     @property
     def states(self) -> Array:

@@ -117,6 +117,7 @@ class Kernels:
     begin: Any
     show: Any
     ending: Any
+    entries: Any  # entries(x, phasors, command, fixed) of the observation on a turning road
     step_one: Any
     reset_one: Any
     own: Own  # where things lie in the array of a car by itself
@@ -248,6 +249,10 @@ def compose(what: Composition, single: bool) -> Kernels:
             kink += 1
         y, y_dot, input = reading(t, kink, w, fixed, table)
         return moment(x, w, command, fixed, y, y_dot, input)
+
+    def entries_of(x: Any, w: Any, command: Any, fixed: Any) -> Any:
+        y, y_dot, input = reading(0.0, 0, w, fixed, NO_TABLE)
+        return times(read(moment(x, w, command, fixed, y, y_dot, input), fixed), fixed.scales)
 
     @compiled
     def entry(value: Any) -> Any:
@@ -676,6 +681,7 @@ def compose(what: Composition, single: bool) -> Kernels:
                 noted(moment(x, w, c, fixed, y, y_dot, input), s, z, clock, j, fixed)
 
     @kernel
+    @compiled_apart  # for kernels of many intervals, see `qcar_env.engine.held_law`
     def step(
         slabs: Any,
         clocks: Any,
@@ -839,6 +845,7 @@ def compose(what: Composition, single: bool) -> Kernels:
         begin=begin,
         show=show,
         ending=ending,
+        entries=entries_of,
         step_one=step_one,
         reset_one=reset_one,
         own=Own(clock=OWN_CLOCK, dt=DT, table=TABLE),

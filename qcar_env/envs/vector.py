@@ -127,7 +127,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self._shape = (self.num_envs, self._cars.actions)
         self._mode = MODES[self.autoreset_mode]
         names = [each.name for each in drawn.plan.terms]
-        self._terms = (*(f"reward_{name}" for name in names), "reward_travel")
+        self.terms = (*(f"reward_{name}" for name in names), "reward_travel")
         self._started = False
         self._every = np.ones(self.num_envs, batch.BOOL)  # the mask of what all cars have
         self._every.flags.writeable = False
@@ -167,7 +167,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     @property
     def dt(self) -> float:
         """Control interval [s]."""
-        return self._cars.dt
+        return self._cars.plan.dt
 
     def reset(
         self,
@@ -255,18 +255,23 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         ResetNeeded
             Before the first reset.
         """
+        done = self.advance(actions)
+        every = self._every
+        info: dict[str, Any] = {"force": done.force, "_force": every}
+        for i, name in enumerate(self.terms):
+            info[name], info[f"_{name}"] = done.rewards[1 + i], every
+        if done.begun is not None:
+            self._add_begun(info, done)
+        return done.seen, done.rewards[0], done.ends[0], done.ends[1], info
+
+    def advance(self, actions: NDArray[np.float32]) -> batch.Interval:
+        """Do what `step` does, and return what the engine does."""
         if not self._started:
             raise gym.error.ResetNeeded("no episode yet; call reset before step")
         done = self._cars.step(self._checked(actions), self._mode)
         if self.render_mode is not None:
             self._actions = np.array(actions, batch.SHOWN).clip(-1.0, 1.0)
-        every = self._every
-        info: dict[str, Any] = {"force": done.force, "_force": every}
-        for i, name in enumerate(self._terms):
-            info[name], info[f"_{name}"] = done.rewards[1 + i], every
-        if done.begun is not None:
-            self._add_begun(info, done)
-        return done.seen, done.rewards[0], done.ends[0], done.ends[1], info
+        return done
 
     def _checked(self, actions: Any) -> NDArray[np.float32]:
         """Return actions as an array of the kind that the engine takes."""
@@ -350,11 +355,11 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         info["phase"] = np.where(again, self._cars.phases, 0.0)
         info["_phase"] = again
         others = ~again
-        for name in self._terms:
+        for name in self.terms:
             info[f"_{name}"] = others
         if done.finals is not None:
             last: dict[str, Any] = {}
-            for name in ("force", *self._terms):
+            for name in ("force", *self.terms):
                 last[name] = np.zeros_like(info[name])
                 last[name][cars] = info[name][cars]
                 last[f"_{name}"] = again
@@ -366,7 +371,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             info |= {"final_obs": final, "_final_obs": again}
             info |= {"final_info": last, "_final_info": again}
         if len(cars) == self.num_envs:
-            for name in self._terms:
+            for name in self.terms:
                 del info[name], info[f"_{name}"]
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
@@ -429,6 +434,15 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         For measurements: cars that all began at once would all end in the same step.
         """
         self._cars.stagger(elapsed)
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return all that moves, to go on from."""
+        return self._cars.snapshot()
+
+    def restore(self, kept: dict[str, NDArray[Any]]) -> None:
+        """Go on from a snapshot of an environment made and assigned alike."""
+        self._cars.restore(kept)
+        self._started = True
 
     def assign(self, chosen: Sequence[int] | NDArray[np.intp], **options: Any) -> None:
         """Let cars draw their next episodes from another `scenario` or with another `force_scale`.
