@@ -97,18 +97,29 @@ class Cars:
         Whether the cars' numbers have single precision.
     threads : int
         Threads that share the cars at most, see `CARS_A_THREAD`.
+    exact : bool
+        Whether an interval is one exact map, see `qcar_env.engine.linear_cars.LinearCars`.
     """
 
-    def __init__(self, n: int, plan: Plan, *, single: bool = False, threads: int = 1) -> None:
+    def __init__(
+        self,
+        n: int,
+        plan: Plan,
+        *,
+        single: bool = False,
+        threads: int = 1,
+        exact: bool = False,
+    ) -> None:
         self.n = whole("num_envs", n)
         self.plan = plan
-        self._single = single
+        self._single, self._exact = single, exact
         self._blocks = -(-self.n // LANES)
         self._workers = max(1, min(whole("threads", threads), self.n // CARS_A_THREAD))
-        kernels = compose(plan.composition, single)
+        kernels = compose(plan.composition, single, exact)
+        self._settings = (plan.dt, 1 if exact else plan.substeps)
         real = np.float32 if single else np.float64
         lanes = self._lanes = LANES
-        rows = kernels.scratch + (2 * plan.substeps + 1) * kernels.stages
+        rows = kernels.scratch + (2 * self._settings[1] + 1) * kernels.stages
         self._slabs = aligned((self._blocks, kernels.moving.size * lanes), real)
         self._clocks = aligned((self._blocks, kernels.clock.size * lanes))
         self._fixed = aligned((1, kernels.fixed.size * lanes), real)
@@ -131,8 +142,7 @@ class Cars:
         self.size, self.actions = len(composition.observed), composition.actuator.size  # pyright: ignore[reportAttributeAccessIssue]
         self._terms = len(composition.terms)
         self._shape = (self.n, self.actions)
-        dt, n = self.plan.dt, self.plan.substeps
-        self._settings = (dt, n)
+        dt, n = self._settings
         cars = self._moving()
         outputs = self._outputs()
         examples = (*cars, self._scratch, 0, 0, 1, np.empty(self._shape, SHOWN), dt, n, *outputs)
@@ -152,7 +162,7 @@ class Cars:
             copy[...] = state[name]
             setattr(self, name, copy)
         self._pool, self._busy = None, False
-        self._compile(compose(self.plan.composition, self._single))
+        self._compile(compose(self.plan.composition, self._single, self._exact))
 
     def _moving(self) -> tuple[Any, ...]:
         return (

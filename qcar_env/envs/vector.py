@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from qcar_env.engine import cars as batch
+from qcar_env.engine.linear_cars import LinearCars, check_linear
 from qcar_env.engine.random import streams
 from qcar_env.engine.stepping import OBSERVATION_LIMIT
 from qcar_env.envs import episode as task
@@ -55,9 +56,9 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         episode then departs from the exact one by about 1e-4 of the amplitudes.
     method : {"rk4", "exact"}
         How an interval is integrated: with Runge-Kutta steps, or with the exact map of the linear
-        plant, which is the fastest. It needs a harmonic road, and parameters that all cars share:
-        neither randomisation nor reset options `scenario` and `force_scale`. The two differ by the
-        error of the Runge-Kutta steps, 1e-5 of the amplitudes with four of them.
+        plant, which is the fastest. It needs a linear car and actuator, and a road made of sines:
+        an endless one, humps, a step. The two differ by the error of the Runge-Kutta steps, 1e-5
+        of the paper's amplitudes with four of them.
     threads : int
         Threads that share the cars, at most: each gets 16384 of them or more, as handing fewer over
         costs what it saves. They change no bit.
@@ -111,10 +112,11 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         known("method", method, METHODS)
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self._linear = method == "exact"
         steps = task.most_steps(max_episode_steps)
         self._settings = task.Settings(observe, bool(observe_limit), reward, duration, steps)
         drawn = self._drawn(find_scenario(scenario), task.force_scale(force_scale))
-        fleet = batch.Cars if method == "rk4" else LinearCars
+        fleet = LinearCars if self._linear else batch.Cars
         self._cars = fleet(num_envs, drawn.plan, single=precision == "single", threads=threads)
         self.num_envs = self._cars.n
         self._given = [drawn] * self.num_envs
@@ -489,6 +491,8 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
                     f"scenario {own.name!r} has another control interval, other substeps, parts or "
                     "actuators than this environment's; make a new environment for it"
                 )
+            if self._linear:
+                check_linear(plan.scenario)
         return Drawn(own, scale, plan)
 
     def _take(self, drawn: dict[int, Drawn]) -> None:
