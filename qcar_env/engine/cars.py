@@ -129,7 +129,8 @@ class Cars:
         self._of_block = np.zeros((self._blocks, 2), COUNT)
         self._streams = np.zeros((self.n, 4), np.uint64)
         self._sources = [plan.source]
-        self._chosen = np.zeros(self.n, COUNT)
+        self._chosen = np.zeros(self.n, COUNT)  # which source a car draws its next episode from
+        self._drawn_from = np.zeros(self.n, COUNT)  # and which it drew the running one from
         self._gather()
         self.uniforms = np.zeros((self.n, plan.source.count))  # what episodes were drawn from
         self._pool: ThreadPoolExecutor | None = None
@@ -202,13 +203,18 @@ class Cars:
         self._counts = np.stack([counts, first, ends], axis=1).astype(COUNT)
         last = np.cumsum([len(each.table) for each in sources])
         begin = last - [len(each.table) for each in sources]
-        self._bounds = np.ascontiguousarray(np.stack([begin, last], axis=1)[self._chosen], COUNT)
-        alike = len(sources) == 1 and not len(sources[0].targets)
-        if not alike and len(self._fixed) < self._blocks:  # cars have numbers of their own now
+        self._of_table = np.stack([begin, last], axis=1).astype(COUNT)
+        self._bounds = self._of_table[self._drawn_from]
+        if not self._alike and len(self._fixed) < self._blocks:  # numbers of their own from now on
             own = aligned((self._blocks, self._fixed.shape[1]), self._fixed.dtype)
             own[...] = self._fixed
             self._fixed = own
             self._of_block[:, 0] = np.arange(self._blocks)
+
+    @property
+    def _alike(self) -> bool:
+        """Whether all cars have the same numbers."""
+        return len(self._sources) == 1 and not len(self._sources[0].targets)
 
     def assign(self, groups: Sequence[tuple[NDArray[np.intp], Source]]) -> None:
         """Let cars draw their next episodes from other sources of the same composition."""
@@ -220,12 +226,18 @@ class Cars:
             else:
                 self._chosen[cars] = len(self._sources)
                 self._sources.append(source)
-        used, self._chosen[...] = np.unique(self._chosen, return_inverse=True)
-        self._sources = [self._sources[i] for i in used]
-        self._gather()
+        self._forget()
         most = max(each.count for each in self._sources)
         if most > self.uniforms.shape[1]:
             self.uniforms = np.pad(self.uniforms, ((0, 0), (0, most - self.uniforms.shape[1])))
+
+    def _forget(self) -> None:
+        """Keep the sources of running and of next episodes alone."""
+        both = np.stack([self._chosen, self._drawn_from])
+        used, places = np.unique(both, return_inverse=True)
+        self._chosen, self._drawn_from = places.reshape(both.shape).astype(COUNT)
+        self._sources = [self._sources[i] for i in used]
+        self._gather()
 
     # Episodes ---------------------------------------------------------------------------------
 
@@ -256,6 +268,9 @@ class Cars:
             car; from the cars' random streams if left out.
         """
         dt, n = self._settings
+        if len(self._sources) > 1:
+            self._drawn_from[cars] = self._chosen[cars]
+            self._bounds[cars] = self._of_table[self._chosen[cars]]
         if uniforms is not None:
             self.uniforms[cars, : uniforms.shape[1]] = uniforms
         self.kernels.begin(
@@ -293,6 +308,12 @@ class Cars:
         seen = np.empty((self.n, self.size), SHOWN)
         if len(cars) < self.n:
             self.kernels.show(*self._moving(), self._settings[0], seen)
+        if len(cars) == self.n:
+            self._drawn_from[...] = self._chosen
+            self._forget()
+            if self._alike and len(self._fixed) > 1:
+                self._fixed = aligned((1, self._fixed.shape[1]), self._fixed.dtype)
+                self._of_block[:, 0] = 0
         self._of_block[:, 1] = np.iinfo(COUNT).max if len(cars) == self.n else 0
         own = None if uniforms is None else uniforms[cars]
         self.begin(cars, np.ascontiguousarray(given[cars], FLOAT), seen, own)
@@ -479,9 +500,17 @@ class Cars:
         own = self._fixed[self._of_block[:, 0]]
         return columns(own, row, count, self.n)
 
+    @property
     def held(self) -> Array:
-        """Return the last commands of the actuators, shape (n, m)."""
+        """The commands that the actuators hold, shape (n, m)."""
         return columns(self._slabs, self.kernels.moving.row("held"), self.actions, self.n).T
+
+    @property
+    def memory(self) -> Array:
+        """Memory of the actuators, shape (n, k); k is 0 where they have none."""
+        row = self.kernels.moving.row("state")
+        count = self.kernels.moving.row("phasors") - row - 4
+        return columns(self._slabs, row + 4, count, self.n).T
 
     def stagger(self, elapsed: NDArray[np.int64]) -> None:
         """Set the control intervals that the cars' episodes have lasted, (n,)."""
@@ -576,9 +605,15 @@ class Car:
 
     @property
     def held(self) -> Array:
-        """The last actions within [-1, 1], shape (m,)."""
+        """The commands that the actuators hold, shape (m,)."""
         row = self.kernels.moving.row("held")
         return self.array[row : row + self.actions].copy()
+
+    @property
+    def memory(self) -> Array:
+        """Memory of the actuators, shape (k,); k is 0 where they have none."""
+        row = self.kernels.moving.row("state")
+        return self.array[row + 4 : self.kernels.moving.row("phasors")].copy()
 
     def clock(self, name: str) -> float:
         """Return an entry of `qcar_env.engine.starts.Clock`."""

@@ -383,7 +383,5 @@ def compiles(function: Any, *examples: Any) -> str:
 _REGISTERED: set[Any] = {
     *(tree.advance, tree.add, tree.combine, tree.times, tree.bounded),
     *(load, load_wide, save, negative_sum, outcome),
-
-
     *(load, load_wide, save, holds, weighted, negative_sum, reward_terms),
 }

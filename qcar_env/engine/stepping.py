@@ -149,7 +149,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         tuple(together(tuple(each.reading for each in term.reads)) for term in what.terms)
     )
     costs_of = together(tuple(term.cost for term in what.terms), each_its_own=True)
-    for each in (*plant, kind.command, kind.force):
+    for each in (*plant, kind.command, kind.force, kind.largest):
         compiled(each)
 
     # Shapes of what lies in slabs; the numbers do not matter.
@@ -202,6 +202,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
 
     plant_rate, plant_forces = plant.rate, plant.forces
     command_of, prepare, kick, tyre_load = kind.command, car.prepare, car.kick, car.tyre_load
+    largest = kind.largest
     begin_road, amplitudes, phasor_at, next_kink = road[:4]
     jump_at, after, reading, steps_of = road[4:]
     sources = source_stamp(
@@ -253,7 +254,8 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         rate = plant_rate(x, input, command, fixed)
         F_dot = -fixed.force.f * fixed.force.Omega * w.force.s
         load_now = tyre_load(x.car, input, fixed.car)
-        return Moment(x.car, rate.car, y, y_dot, input.F, F_dot, u1, u2, load_now)
+        limit = largest(fixed.actuator)
+        return Moment(x.car, rate.car, y, y_dot, input.F, F_dot, u1, u2, load_now, limit)
 
     @compiled
     def judge(now: Any, before: Any, fixed: Any) -> Any:
@@ -441,8 +443,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         save(car, W, 1, 0, w)
         save(car, BEFORE_ROW, 1, 0, measured)
         save(car, OWN_CLOCK, 1, 0, clock)
-        car[HELD] = min(max(first, -1.0), 1.0)
-        car[HELD + m - 1] = min(max(last, -1.0), 1.0)
+        save(car, HELD, 1, 0, c)
         entries = times(read(now, fixed), fixed.scales)
         for i in range(K):
             seen[i] = entry(entries[i])
@@ -777,7 +778,9 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             for j in range(lanes):
                 fixed = load(p, 0, LANES, j, FIXED)
                 action = (real(given[j, 0]), real(given[j, m - 1]))
-                save(s, C, LANES, j, command_of(action, fixed.actuator))
+                command = command_of(action, fixed.actuator)
+                save(s, C, LANES, j, command)
+                save(z, HELD, LANES, j, command)  # what is read again when others are reset
             crossing = False
             if blocks[block, 1] > 0:
                 blocks[block, 1] -= 1
