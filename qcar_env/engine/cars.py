@@ -356,7 +356,8 @@ class Cars:
             if code == NOT_FINITE:
                 self._refuse(actions)
             if code == FINE:
-                return Interval(*outputs, None, None)
+                seen, rewards, force, ends = outputs
+                return Interval(seen, rewards, force, ends, None, None)
             return self._turn_over(outputs, mode)
         finally:
             self._busy = False

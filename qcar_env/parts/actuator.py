@@ -110,7 +110,7 @@ class IndependentActuators(Actuator):
     car has such actuators; they are the paper's.
     """
 
-    limit: tuple[float, ...] = number("force", "m/s^2", _limits(2))
+    limit: tuple[float, ...] = number("force", "m/s^2", _limits(2))  # pyright: ignore[reportIncompatibleMethodOverride]
 
     size = 2
     unit = "m/s^2"
@@ -144,7 +144,7 @@ class SuspensionActuator(Actuator):
     (`LaggedSuspensionActuator`).
     """
 
-    limit: tuple[float, ...] = number("force", "N", _limits(1))
+    limit: tuple[float, ...] = number("force", "N", _limits(1))  # pyright: ignore[reportIncompatibleMethodOverride]
 
     linear = True
 
@@ -195,7 +195,7 @@ class LaggedSuspensionActuator(Actuator):
     must stay below 2.7 lags. Not validated: heat, inertia of the gear, leakage, pressure.
     """
 
-    limit: tuple[float, ...] = number("force", "N", _limits(1))
+    limit: tuple[float, ...] = number("force", "N", _limits(1))  # pyright: ignore[reportIncompatibleMethodOverride]
     lag: float = number("time constant", "s", positive)
     rate_limit: float = number("", "N/s", positive, UNLIMITED)
     power: float = number("largest", "W", positive, UNLIMITED)
