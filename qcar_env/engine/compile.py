@@ -150,6 +150,14 @@ def together(functions: tuple[Any, ...], *, each_its_own: bool = False) -> Any:
     return _made(f"def together(m, p):\n    return ({calls})", names)
 
 
+def each_by_its_own(functions: tuple[Any, ...]) -> Any:
+    """Return ``f(values, *others)``: each function of its own entry of `values`, as a tuple."""
+    names = {f"f{i}": compiled(each) for i, each in enumerate(functions)}
+    others = "z, row, stride, j, noise, elapsed, dt, p, begin"
+    calls = "".join(f"f{i}(values[{i}], {others}), " for i in range(len(functions)))
+    return _made(f"def each(values, {others}):\n    return ({calls})", names)
+
+
 def _made(source: str, names: dict[str, Any]) -> Any:
     """Return the one function that `source` defines, in which `names` mean what they are given."""
     found: dict[str, Any] = {**names, "__name__": __name__}
