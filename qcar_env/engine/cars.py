@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.engine.compile import LANES, aligned
+from qcar_env.engine.held_law import driver
 from qcar_env.engine.layout import columns
 from qcar_env.engine.random import streams
 from qcar_env.engine.stepping import (
@@ -25,6 +26,7 @@ from qcar_env.engine.stepping import (
     Kernels,
     compose,
 )
+from qcar_env.physics import tree
 from qcar_env.validation import whole
 
 Array = NDArray[np.float64]
@@ -33,6 +35,7 @@ BOOL, COUNT = np.dtype(np.bool_), np.dtype(np.int64)
 
 CARS_A_THREAD = 16384  # at least: handing fewer over to another thread costs what it saves
 DISABLED, NEXT_STEP, SAME_STEP = range(3)  # what becomes of a car whose episode is over
+MOVING = ("_slabs", "_clocks", "_fixed", "_of_block", "_streams", "uniforms")
 NOTHING_GIVEN = np.full((1, 5), np.nan)
 
 
@@ -94,18 +97,29 @@ class Cars:
         Whether the cars' numbers have single precision.
     threads : int
         Threads that share the cars at most, see `CARS_A_THREAD`.
+    exact : bool
+        Whether an interval is one exact map, see `qcar_env.engine.linear_cars.LinearCars`.
     """
 
-    def __init__(self, n: int, plan: Plan, *, single: bool = False, threads: int = 1) -> None:
+    def __init__(
+        self,
+        n: int,
+        plan: Plan,
+        *,
+        single: bool = False,
+        threads: int = 1,
+        exact: bool = False,
+    ) -> None:
         self.n = whole("num_envs", n)
         self.plan = plan
-        self._single = single
+        self._single, self._exact = single, exact
         self._blocks = -(-self.n // LANES)
         self._workers = max(1, min(whole("threads", threads), self.n // CARS_A_THREAD))
-        kernels = compose(plan.composition, single)
+        kernels = compose(plan.composition, single, exact)
+        self._settings = (plan.dt, 1 if exact else plan.substeps)
         real = np.float32 if single else np.float64
         lanes = self._lanes = LANES
-        rows = kernels.scratch + (2 * plan.substeps + 1) * kernels.stages
+        rows = kernels.scratch + (2 * self._settings[1] + 1) * kernels.stages
         self._slabs = aligned((self._blocks, kernels.moving.size * lanes), real)
         self._clocks = aligned((self._blocks, kernels.clock.size * lanes))
         self._fixed = aligned((1, kernels.fixed.size * lanes), real)
@@ -115,7 +129,8 @@ class Cars:
         self._of_block = np.zeros((self._blocks, 2), COUNT)
         self._streams = np.zeros((self.n, 4), np.uint64)
         self._sources = [plan.source]
-        self._chosen = np.zeros(self.n, COUNT)
+        self._chosen = np.zeros(self.n, COUNT)  # which source a car draws its next episode from
+        self._drawn_from = np.zeros(self.n, COUNT)  # and which it drew the running one from
         self._gather()
         self.uniforms = np.zeros((self.n, plan.source.count))  # what episodes were drawn from
         self._pool: ThreadPoolExecutor | None = None
@@ -128,8 +143,7 @@ class Cars:
         self.size, self.actions = len(composition.observed), composition.actuator.size  # pyright: ignore[reportAttributeAccessIssue]
         self._terms = len(composition.terms)
         self._shape = (self.n, self.actions)
-        dt, n = self.plan.dt, self.plan.substeps
-        self._settings = (dt, n)
+        dt, n = self._settings
         cars = self._moving()
         outputs = self._outputs()
         examples = (*cars, self._scratch, 0, 0, 1, np.empty(self._shape, SHOWN), dt, n, *outputs)
@@ -149,7 +163,7 @@ class Cars:
             copy[...] = state[name]
             setattr(self, name, copy)
         self._pool, self._busy = None, False
-        self._compile(compose(self.plan.composition, self._single))
+        self._compile(compose(self.plan.composition, self._single, self._exact))
 
     def _moving(self) -> tuple[Any, ...]:
         return (
@@ -189,13 +203,18 @@ class Cars:
         self._counts = np.stack([counts, first, ends], axis=1).astype(COUNT)
         last = np.cumsum([len(each.table) for each in sources])
         begin = last - [len(each.table) for each in sources]
-        self._bounds = np.ascontiguousarray(np.stack([begin, last], axis=1)[self._chosen], COUNT)
-        alike = len(sources) == 1 and not len(sources[0].targets)
-        if not alike and len(self._fixed) < self._blocks:  # cars have numbers of their own now
+        self._of_table = np.stack([begin, last], axis=1).astype(COUNT)
+        self._bounds = self._of_table[self._drawn_from]
+        if not self._alike and len(self._fixed) < self._blocks:  # numbers of their own from now on
             own = aligned((self._blocks, self._fixed.shape[1]), self._fixed.dtype)
             own[...] = self._fixed
             self._fixed = own
             self._of_block[:, 0] = np.arange(self._blocks)
+
+    @property
+    def _alike(self) -> bool:
+        """Whether all cars have the same numbers."""
+        return len(self._sources) == 1 and not len(self._sources[0].targets)
 
     def assign(self, groups: Sequence[tuple[NDArray[np.intp], Source]]) -> None:
         """Let cars draw their next episodes from other sources of the same composition."""
@@ -207,12 +226,18 @@ class Cars:
             else:
                 self._chosen[cars] = len(self._sources)
                 self._sources.append(source)
-        used, self._chosen[...] = np.unique(self._chosen, return_inverse=True)
-        self._sources = [self._sources[i] for i in used]
-        self._gather()
+        self._forget()
         most = max(each.count for each in self._sources)
         if most > self.uniforms.shape[1]:
             self.uniforms = np.pad(self.uniforms, ((0, 0), (0, most - self.uniforms.shape[1])))
+
+    def _forget(self) -> None:
+        """Keep the sources of running and of next episodes alone."""
+        both = np.stack([self._chosen, self._drawn_from])
+        used, places = np.unique(both, return_inverse=True)
+        self._chosen, self._drawn_from = places.reshape(both.shape).astype(COUNT)
+        self._sources = [self._sources[i] for i in used]
+        self._gather()
 
     # Episodes ---------------------------------------------------------------------------------
 
@@ -243,6 +268,9 @@ class Cars:
             car; from the cars' random streams if left out.
         """
         dt, n = self._settings
+        if len(self._sources) > 1:
+            self._drawn_from[cars] = self._chosen[cars]
+            self._bounds[cars] = self._of_table[self._chosen[cars]]
         if uniforms is not None:
             self.uniforms[cars, : uniforms.shape[1]] = uniforms
         self.kernels.begin(
@@ -280,6 +308,12 @@ class Cars:
         seen = np.empty((self.n, self.size), SHOWN)
         if len(cars) < self.n:
             self.kernels.show(*self._moving(), self._settings[0], seen)
+        if len(cars) == self.n:
+            self._drawn_from[...] = self._chosen
+            self._forget()
+            if self._alike and len(self._fixed) > 1:
+                self._fixed = aligned((1, self._fixed.shape[1]), self._fixed.dtype)
+                self._of_block[:, 0] = 0
         self._of_block[:, 1] = np.iinfo(COUNT).max if len(cars) == self.n else 0
         own = None if uniforms is None else uniforms[cars]
         self.begin(cars, np.ascontiguousarray(given[cars], FLOAT), seen, own)
@@ -372,7 +406,74 @@ class Cars:
             "[-1, 1]. No car has moved"
         )
 
-    # What can be looked at ---------------------------------------------------------------------
+    def drive(
+        self,
+        act: Any,
+        gains: Array,
+        seen: NDArray[np.float32],
+        *,
+        intervals: int,
+        window: int,
+        shared: tuple[Any, ...] = (),
+    ) -> Array:
+        """Let laws drive for many control intervals, in compiled code, through ends of episodes.
+
+        Parameters
+        ----------
+        act : callable
+            A law, see `qcar_env.engine.held_law`.
+        gains : ndarray (k, ...)
+            Of k laws; the first drives the first n / k cars, and so on.
+        seen : ndarray (n, size) of float32
+            What the cars' policies see now; in the end, what they see then.
+        intervals, window : int
+            How many control intervals, and how many at their end amplitudes are taken over.
+        shared : tuple
+            What the laws have in common.
+
+        Returns
+        -------
+        ndarray (n, 2)
+            Largest |x1|, |x2| [m] at the ends of the intervals in the window; infinite for a car
+            whose state or action is no finite number.
+
+        Raises
+        ------
+        ValueError
+            If the cars cannot be shared out among the laws.
+        """
+        laws = len(gains)
+        if not laws or self.n % laws:
+            raise ValueError(
+                f"laws must drive equally many of {self.n} cars, got {laws} laws; give a divisor"
+            )
+        peak = np.zeros((self.n, 2))
+        driver(self.kernels.step.py_func, act)(
+            *(*self._moving(), self._scratch, *self._settings, *self._outputs()[1:]),
+            *(seen, np.zeros(self._shape, SHOWN), gains, self.n // laws, shared),
+            *(intervals, window, self.kernels.moving.row("state"), peak),
+        )
+        return np.where(np.isnan(peak), np.inf, peak)
+
+    # What can be looked at and kept ------------------------------------------------------------
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return all that moves: enough for a fleet with the same sources to go on from."""
+        return {name: getattr(self, name).copy() for name in MOVING}
+
+    def restore(self, kept: dict[str, NDArray[Any]]) -> None:
+        """Go on from a snapshot."""
+        for name in MOVING:
+            getattr(self, name)[...] = kept[name]
+
+    def entries(self, name: str) -> Any:
+        """Return the cars' `state`, `phasors` or `fixed`: a named tuple of arrays (n,)."""
+        kernels = self.kernels
+        own = name == "fixed"
+        layout = kernels.fixed if own else kernels.moving
+        slabs = self._fixed[self._of_block[:, 0]] if own else self._slabs
+        like = layout.trees[name]
+        return tree.unflat(like, columns(slabs, layout.row(name), len(tree.flat(like)), self.n))
 
     @property
     def states(self) -> Array:
@@ -399,9 +500,17 @@ class Cars:
         own = self._fixed[self._of_block[:, 0]]
         return columns(own, row, count, self.n)
 
+    @property
     def held(self) -> Array:
-        """Return the last commands of the actuators, shape (n, m)."""
+        """The commands that the actuators hold, shape (n, m)."""
         return columns(self._slabs, self.kernels.moving.row("held"), self.actions, self.n).T
+
+    @property
+    def memory(self) -> Array:
+        """Memory of the actuators, shape (n, k); k is 0 where they have none."""
+        row = self.kernels.moving.row("state")
+        count = self.kernels.moving.row("phasors") - row - 4
+        return columns(self._slabs, row + 4, count, self.n).T
 
     def stagger(self, elapsed: NDArray[np.int64]) -> None:
         """Set the control intervals that the cars' episodes have lasted, (n,)."""
@@ -496,9 +605,15 @@ class Car:
 
     @property
     def held(self) -> Array:
-        """The last actions within [-1, 1], shape (m,)."""
+        """The commands that the actuators hold, shape (m,)."""
         row = self.kernels.moving.row("held")
         return self.array[row : row + self.actions].copy()
+
+    @property
+    def memory(self) -> Array:
+        """Memory of the actuators, shape (k,); k is 0 where they have none."""
+        row = self.kernels.moving.row("state")
+        return self.array[row + 4 : self.kernels.moving.row("phasors")].copy()
 
     def clock(self, name: str) -> float:
         """Return an entry of `qcar_env.engine.starts.Clock`."""

@@ -310,6 +310,57 @@ def _align_stack(typingctx: Any) -> Any:
 align_stack: Any = intrinsic(_align_stack)
 
 
+def holds(z: Any, row: int, stride: int, lane: int, values: Any) -> bool:
+    """Return whether `save` of the same would change nothing."""
+    flat = tree.flat(values)
+    rows = np.asarray(z).reshape(-1, stride)[row : row + len(flat), lane]
+    return bool(np.all(rows == np.array(flat).astype(rows.dtype)))
+
+
+@overload(holds, jit_options=INLINE, strict=False)
+def _holds(z: Any, row: Any, stride: Any, lane: Any, values: Any) -> Any:
+    places: list[str] = []
+    _entrywise(values, lambda i: places.append(i) or "")
+    each = (f"(z[(row + {k}) * stride + lane] == real(values{i}))" for k, i in enumerate(places))
+    names = {"real": np.float32 if z.dtype == types.float32 else np.float64}
+    return _implementation("z, row, stride, lane, values", " & ".join(each) or "True", names)
+
+
+def weighted(z: Any, row: int, stride: int, lane: int, values: Any, like: Any) -> Any:
+    """Return a matrix times a vector, as a tuple of the kind of `like`.
+
+    Parameters
+    ----------
+    z, row, stride, lane
+        Where the matrix lies, row by row (see `load`).
+    values : tuple
+        The vector: a tuple of numbers or of tuples.
+    like : tuple
+        Has as many numbers as the matrix has rows.
+    """
+    vector = np.array(tree.flat(values))
+    size = len(tree.flat(like)) * len(vector)
+    matrix = np.asarray(z).reshape(-1, stride)[row : row + size, lane].reshape(-1, len(vector))
+    return tree.unflat(like, (matrix @ vector).tolist())
+
+
+@overload(weighted, jit_options=INLINE, strict=False)
+def _weighted(z: Any, row: Any, stride: Any, lane: Any, values: Any, like: Any) -> Any:
+    places: list[str] = []
+    _entrywise(values, lambda i: places.append(i) or "")
+    rows = iter(range(10**6))
+
+    def entry(_: str) -> str:
+        first = next(rows) * len(places)
+        terms = (
+            f"z[(row + {first + k}) * stride + lane] * values{i}" for k, i in enumerate(places)
+        )
+        return " + ".join(terms)
+
+    body, names = _entrywise(like, entry)
+    return _implementation("z, row, stride, lane, values, like", body, names)
+
+
 def aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
     """Return zeros that begin on a boundary of 64 bytes: a vector then lies in one cache line."""
     kind = np.dtype(dtype)
@@ -332,4 +383,5 @@ def compiles(function: Any, *examples: Any) -> str:
 _REGISTERED: set[Any] = {
     *(tree.advance, tree.add, tree.combine, tree.times, tree.bounded),
     *(load, load_wide, save, negative_sum, outcome),
+    *(load, load_wide, save, holds, weighted, negative_sum, reward_terms),
 }

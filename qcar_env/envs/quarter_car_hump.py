@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from qcar_env.engine.cars import NOT_FINITE, OVER, SHOWN, Car
 from qcar_env.envs import episode as task
+from qcar_env.envs.picture import Picture, forces
 from qcar_env.physics.state import State
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 from qcar_env.scenarios.files import to_json
@@ -20,7 +21,7 @@ from qcar_env.validation import finite, known
 _empty = np.empty
 
 if TYPE_CHECKING:
-    from qcar_env.envs.rendering import Picture, Renderer
+    from qcar_env.envs.rendering import Renderer
 
 
 class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -141,15 +142,16 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         plan = self._settings.plan(named, scale)
         if not hasattr(self, "_car"):
             self._car = Car(plan)
-        elif plan.composition != self._plan.composition:
+        elif plan.composition != self._car.plan.composition:
             raise ValueError(
                 f"scenario {named.name!r} is made of other parts than this environment's, or has "
                 "another number of actuators; make a new environment for it"
             )
-        self._car.take(plan)
         self._plan, self._named, self._force_scale = plan, named, scale
         self._base = plan.scenario
         self._action_shape = (self._base.actuator.size,)
+        if self._spec is not None:
+            self._spec.max_episode_steps = self._base.steps
         self._usual = [each.name for each in plan.terms] == ["x1", "x2"]
         self._keys = ("force", *(f"reward_{each.name}" for each in plan.terms), "reward_travel")
 
@@ -163,30 +165,17 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._spec
 
     @spec.setter
-    def spec(self, given: EnvSpec | None) -> None:
+    def spec(self, given: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
         if given is not None:
             named = given.kwargs.get("scenario")
             if isinstance(named, Scenario):
                 given.kwargs["scenario"] = to_json(named)
-            if given.max_episode_steps is not None:
-                self._set_most_steps(given.max_episode_steps)
             given.max_episode_steps = self._base.steps
         self._spec = given
 
-    def _set_most_steps(self, given: int) -> None:
-        kept = self._settings
-        self._settings = task.Settings(
-            kept.observe,
-            kept.observe_limit,
-            kept.reward,
-            kept.duration,
-            task.most_steps(given),
-        )
-        self._take(self._named, self._force_scale)
-
     @property
     def scenario(self) -> Scenario:
-        """The scenario with this environment's force limit and duration; episodes are drawn from it.
+        """The scenario that episodes are drawn from, with this environment's limit and duration.
 
         Another one can be set, of the same parts; it holds from the next reset on.
         """
@@ -212,8 +201,12 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     @property
     def force_limit(self) -> NDArray[np.float64]:
-        """Force that action 1 makes in this episode, shape (m,) [m/s^2] or [N]."""
-        return np.array(self.episode.actuator.limit)
+        """What action 1 asks for in this episode, shape (m,).
+
+        A force [m/s^2] or [N], of a semi-active damper its damping [N s/m].
+        """
+        actuator: Any = self.episode.actuator
+        return np.array(actuator.limit)
 
     @property
     def dt(self) -> float:
@@ -230,7 +223,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def time(self) -> float:
         """Time on the road [s], which begins at the drawn phase."""
         self._check_running("time")
-        return self._car.clock("start") + self._car.clock("elapsed") * self.dt
+        return self._car.clock("start") + self._car.clock("elapsed") * self._drawn_from.dt
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -268,6 +261,8 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             given[4] = finite("phase", options["phase"], "rad")
         if changed:
             self._take(named, scale)
+        if self._car.plan is not self._plan:
+            self._car.take(self._plan)
         super().reset(seed=seed)  # nothing is drawn before every option is known to be good
         self._uniforms = self.np_random.random(self._plan.source.count)
         observation = self._car.begin(self._uniforms, np.array(given))
@@ -343,7 +338,10 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             return None
         picture = self.picture()
         if self._renderer is None:
-            from qcar_env.envs.rendering import Renderer
+            try:
+                from qcar_env.envs.rendering import Renderer
+            except ImportError as error:
+                raise task.no_pygame() from error
 
             self._renderer = Renderer(self.render_mode, 1.0 / self.dt)
         return self._renderer.render(picture)
@@ -355,26 +353,20 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         ------
         ResetNeeded
             Before the first reset.
-        DependencyNotInstalled
-            If pygame is absent.
         """
         self._check_running("render")
-        try:
-            from qcar_env.envs.rendering import Picture
-        except ImportError as error:
-            raise gym.error.DependencyNotInstalled(
-                "rendering needs pygame; pip install 'qcar_env[render]'"
-            ) from error
         name, colour = self.caption
+        episode, state = self.episode, self.state
+        held, memory = self._car.held.tolist(), self._car.memory.tolist()
         return Picture(
             name=name,
             colour=colour,
-            nominal=self._base,
-            episode=self.episode,
+            nominal=self._drawn_from,
+            episode=episode,
             time=self.time,
-            elapsed=self._car.clock("elapsed") * self.dt,
-            state=self.state,
-            action=tuple(self._car.held.tolist()),
+            elapsed=self._car.clock("elapsed") * self._drawn_from.dt,
+            state=state,
+            force=forces(episode.actuator, held, memory, state),
         )
 
     def close(self) -> None:

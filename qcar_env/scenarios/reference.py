@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 DRAWN = 32  # episodes from drawn starts that are looked at beside the one from rest
 MOST_STEPS = 100_000  # control intervals that are looked at, chosen here: some seconds of work
+ACTUATORS = {"u1": 0, "u2": 1}  # signals of forces, and which actuator makes them
 TINY = 1e-6  # makes a reading of any signal small enough for the bound of an observation
 
 
@@ -71,12 +72,20 @@ class Reference:
     scales: Mapping[str, float]  # largest values of signals, by name, in their units
 
     def scale(self, signal: Signal, scenario: Scenario) -> float:
-        """Return what a signal is divided by: its own scale, the scenario's, or its largest value."""
+        """Return what a signal is divided by.
+
+        Its own scale, the scenario's, or its largest value; of an actuator's force, where there is
+        none without control, its limit.
+        """
         if signal.scale is not None:
             return signal.scale
-        if signal.name in self.scales:
-            return self.scales[signal.name]
-        return _largest(_plain(scenario), (signal,))[1][signal.name]
+        found = self.scales.get(signal.name)
+        if found is None:
+            found = _largest(_plain(scenario), (signal,))[1][signal.name]
+        if found == 0.0 and signal.name in ACTUATORS:  # without control there is none
+            limits = _limits(scenario)
+            return limits[min(ACTUATORS[signal.name], len(limits) - 1)]
+        return found
 
 
 def reference(scenario: Scenario) -> Reference:
@@ -88,6 +97,11 @@ def reference(scenario: Scenario) -> Reference:
         If the car does not move at all (no road, no force), as nothing can be reduced then.
     """
     return _reference(_plain(scenario))
+
+
+def _limits(scenario: Scenario) -> tuple[float, ...]:
+    actuator: Any = scenario.actuator
+    return actuator.limit
 
 
 def _plain(scenario: Scenario) -> Scenario:
@@ -106,7 +120,7 @@ def _reference(scenario: Scenario) -> Reference:
             "x2": stated.A2,
             "v1": stated.omega1 * stated.A1,
             "v2": stated.omega2 * stated.A2,
-            "limit": scenario.actuator.limit[0],
+            "limit": _limits(scenario)[0],
             **stated.others,
         }
         return Reference(
@@ -120,7 +134,7 @@ def _reference(scenario: Scenario) -> Reference:
         amplitudes=steady or peaks,
         start=peaks,
         frequencies=frequencies,
-        scales={**largest, "limit": scenario.actuator.limit[0]},
+        scales={**largest, "limit": _limits(scenario)[0]},
     )
 
 

@@ -113,7 +113,9 @@ def test_a_road_keeps_the_shape_of_the_times(road: Excitation):
     ],
 )
 def test_a_height_that_is_not_a_number_is_refused(make):
-    with pytest.raises(ValueError, match=r"(height|amplitude) h must be finite, got nan m; give a finite"):
+    with pytest.raises(
+        ValueError, match=r"(height|amplitude) h must be finite, got nan m; give a finite"
+    ):
         make(math.nan)
 
 
