@@ -126,7 +126,7 @@ def source_stamp(*functions: Callable[..., Any]) -> str:
 def _modules(function: Any) -> list[str]:
     """Return the modules of a function and of the functions that it closes over."""
     found = [function.__module__]
-    for cell in function.__closure__ or ():
+    for cell in getattr(function, "__closure__", None) or ():  # a cached one has none
         if isinstance(cell.cell_contents, FunctionType):
             found += _modules(cell.cell_contents)
     return found
@@ -383,5 +383,5 @@ def compiles(function: Any, *examples: Any) -> str:
 _REGISTERED: set[Any] = {
     *(tree.advance, tree.add, tree.combine, tree.times, tree.bounded),
     *(load, load_wide, save, negative_sum, outcome),
-    *(load, load_wide, save, holds, weighted, negative_sum, reward_terms),
+    *(load, load_wide, save, holds, weighted, negative_sum),
 }
