@@ -13,7 +13,7 @@ No fast-math: a car gets the same bits alone and among others, and as in plain P
 can be asked for with fused multiply-adds (`kernel(fused=True)`).
 """
 
-# pyright: basic
+# pyright: basic, reportArgumentType=false, reportAttributeAccessIssue=false
 # numba has no types for what it compiles.
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ def kernel(function: Any = None, *, fused: bool = False, nogil: bool = True) -> 
     Parameters
     ----------
     fused : bool
-        Whether the processor may multiply and add in one operation, rounding once: faster, and equal
-        to plain Python to rounding only.
+        Whether the processor may multiply and add in one operation, rounding once: faster, and
+        equal to plain Python to rounding only.
     nogil : bool
         Whether it lets go of the interpreter's lock, which takes longer than a step of one car.
     """
@@ -126,7 +126,7 @@ def source_stamp(*functions: Callable[..., Any]) -> str:
 def _modules(function: Any) -> list[str]:
     """Return the modules of a function and of the functions that it closes over."""
     found = [function.__module__]
-    for cell in getattr(function, "__closure__", None) or ():  # a cached one has none
+    for cell in getattr(function, "__closure__", None) or ():
         if isinstance(cell.cell_contents, FunctionType):
             found += _modules(cell.cell_contents)
     return found
@@ -161,7 +161,7 @@ def _made(source: str, names: dict[str, Any]) -> Any:
 
 
 def _entrywise(kind: Any, leaf: Callable[[str], str]) -> tuple[str, dict[str, Any]]:
-    """Return an expression that makes a tuple of type `kind` of ``leaf("[i][j]")``, and its names."""
+    """Return an expression that makes a tuple like `kind` of ``leaf("[i][j]")``, and its names."""
     names: dict[str, Any] = {}
 
     def build(part: Any, index: str) -> str:
@@ -382,6 +382,5 @@ def compiles(function: Any, *examples: Any) -> str:
 # What compiled code has in another form, above.
 _REGISTERED: set[Any] = {
     *(tree.advance, tree.add, tree.combine, tree.times, tree.bounded),
-    *(load, load_wide, save, negative_sum, outcome),
-    *(load, load_wide, save, holds, weighted, negative_sum),
+    *(load, load_wide, save, holds, weighted, negative_sum, outcome),
 }
