@@ -250,7 +250,7 @@ def _settled_rho(policy: Any, track: Track, force_scale: float, split: Split) ->
 
 
 def _measured(track: Track, settled: float) -> tuple[int | None, float | None]:
-    """Return which periods are measured, and after how long [s]; without any, the whole crossing."""
+    """Return which periods are measured, and after how long [s]; without any, the whole of it."""
     return (None, None) if track.periods is None else (PERIODS, settled)
 
 
