@@ -87,7 +87,7 @@ def test_what_torch_cannot_run_is_refused_by_name():
     class Clicking(CubicSpring):
         @staticmethod
         def force(travel, p):
-            return p.k * math.sin(travel)
+            return p.k * np.sin(travel)
 
     car = dataclasses.replace(HARDENING.car, spring=Clicking(k=16_000.0))
     with pytest.raises(ValueError, match="cannot differentiate car QuarterCar"):
