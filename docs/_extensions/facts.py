@@ -246,7 +246,7 @@ def agents() -> str:
 
 def throughput() -> str:
     """Return the table of `make throughput`: of the machine that builds, or of the one kept."""
-    from scripts.throughput import table
+    from qcar_env.evaluation.throughput.result import table
 
     for path in (
         ROOT / "results" / "throughput" / "throughput.json",

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm, solve_discrete_are
 
 from qcar_env.physics import linear
-from qcar_env.physics.car import QuarterCar
+from qcar_env.physics.car import Car
 from qcar_env.validation import non_negative, positive, store
 
 Array = NDArray[np.float64]
@@ -46,12 +46,12 @@ class SampledPlant:
     dt: float  # [s]
 
 
-def sampled_plant(car: QuarterCar, scale: Array, push: Array, dt: float) -> SampledPlant:
+def sampled_plant(car: Car, scale: Array, push: Array, dt: float) -> SampledPlant:
     """Return the scaled plant.
 
     Parameters
     ----------
-    car : QuarterCar
+    car : Car
         The plant.
     scale : ndarray (4,)
         What the states ``(x1, x2, v1, v2)`` are divided by [m, m, m/s, m/s]; positive.
@@ -133,12 +133,12 @@ def held_mean(omega: float, dt: float) -> tuple[float, float]:
     return math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle
 
 
-def feedforward(car: QuarterCar, push: Array, omega: float, Omega: float, dt: float) -> Array:
+def feedforward(car: Car, push: Array, omega: float, Omega: float, dt: float) -> Array:
     """Return the gain on ``(y, y', F, F')`` that cancels road and force over the next interval.
 
     Parameters
     ----------
-    car : QuarterCar
+    car : Car
         The plant.
     push : ndarray (2, 2)
         Specific forces that action 1 of each actuator makes [m/s^2].

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.engine.compile import LANES, aligned
+from qcar_env.engine.held_law import driver
 from qcar_env.engine.layout import columns
 from qcar_env.engine.random import streams
 from qcar_env.engine.stepping import (
@@ -25,6 +26,7 @@ from qcar_env.engine.stepping import (
     Kernels,
     compose,
 )
+from qcar_env.physics import tree
 from qcar_env.validation import whole
 
 Array = NDArray[np.float64]
@@ -33,6 +35,7 @@ BOOL, COUNT = np.dtype(np.bool_), np.dtype(np.int64)
 
 CARS_A_THREAD = 16384  # at least: handing fewer over to another thread costs what it saves
 DISABLED, NEXT_STEP, SAME_STEP = range(3)  # what becomes of a car whose episode is over
+MOVING = ("_slabs", "_clocks", "_fixed", "_of_block", "_streams", "uniforms")
 NOTHING_GIVEN = np.full((1, 5), np.nan)
 
 
@@ -126,7 +129,8 @@ class Cars:
         self._of_block = np.zeros((self._blocks, 2), COUNT)
         self._streams = np.zeros((self.n, 4), np.uint64)
         self._sources = [plan.source]
-        self._chosen = np.zeros(self.n, COUNT)
+        self._chosen = np.zeros(self.n, COUNT)  # which source a car draws its next episode from
+        self._drawn_from = np.zeros(self.n, COUNT)  # and which it drew the running one from
         self._gather()
         self.uniforms = np.zeros((self.n, plan.source.count))  # what episodes were drawn from
         self._pool: ThreadPoolExecutor | None = None
@@ -199,13 +203,18 @@ class Cars:
         self._counts = np.stack([counts, first, ends], axis=1).astype(COUNT)
         last = np.cumsum([len(each.table) for each in sources])
         begin = last - [len(each.table) for each in sources]
-        self._bounds = np.ascontiguousarray(np.stack([begin, last], axis=1)[self._chosen], COUNT)
-        alike = len(sources) == 1 and not len(sources[0].targets)
-        if not alike and len(self._fixed) < self._blocks:  # cars have numbers of their own now
+        self._of_table = np.stack([begin, last], axis=1).astype(COUNT)
+        self._bounds = self._of_table[self._drawn_from]
+        if not self._alike and len(self._fixed) < self._blocks:  # numbers of their own from now on
             own = aligned((self._blocks, self._fixed.shape[1]), self._fixed.dtype)
             own[...] = self._fixed
             self._fixed = own
             self._of_block[:, 0] = np.arange(self._blocks)
+
+    @property
+    def _alike(self) -> bool:
+        """Whether all cars have the same numbers."""
+        return len(self._sources) == 1 and not len(self._sources[0].targets)
 
     def assign(self, groups: Sequence[tuple[NDArray[np.intp], Source]]) -> None:
         """Let cars draw their next episodes from other sources of the same composition."""
@@ -217,12 +226,18 @@ class Cars:
             else:
                 self._chosen[cars] = len(self._sources)
                 self._sources.append(source)
-        used, self._chosen[...] = np.unique(self._chosen, return_inverse=True)
-        self._sources = [self._sources[i] for i in used]
-        self._gather()
+        self._forget()
         most = max(each.count for each in self._sources)
         if most > self.uniforms.shape[1]:
             self.uniforms = np.pad(self.uniforms, ((0, 0), (0, most - self.uniforms.shape[1])))
+
+    def _forget(self) -> None:
+        """Keep the sources of running and of next episodes alone."""
+        both = np.stack([self._chosen, self._drawn_from])
+        used, places = np.unique(both, return_inverse=True)
+        self._chosen, self._drawn_from = places.reshape(both.shape).astype(COUNT)
+        self._sources = [self._sources[i] for i in used]
+        self._gather()
 
     # Episodes ---------------------------------------------------------------------------------
 
@@ -230,7 +245,13 @@ class Cars:
         """Set the random streams of `cars`, see `qcar_env.engine.random.streams`."""
         self._streams[cars] = states
 
-    def begin(self, cars: NDArray[np.int64], given: Array, seen: NDArray[np.float32]) -> None:
+    def begin(
+        self,
+        cars: NDArray[np.int64],
+        given: Array,
+        seen: NDArray[np.float32],
+        uniforms: Array | None = None,
+    ) -> None:
         """Begin episodes.
 
         Parameters
@@ -242,8 +263,16 @@ class Cars:
             not a number.
         seen : ndarray (n, size) of float32
             Their observations are written here.
+        uniforms : ndarray (k, count), optional
+            Numbers from [0, 1) that the episodes are drawn from, `Source.count` of them for each
+            car; from the cars' random streams if left out.
         """
         dt, n = self._settings
+        if len(self._sources) > 1:
+            self._drawn_from[cars] = self._chosen[cars]
+            self._bounds[cars] = self._of_table[self._chosen[cars]]
+        if uniforms is not None:
+            self.uniforms[cars, : uniforms.shape[1]] = uniforms
         self.kernels.begin(
             *self._moving(),
             self._streams,
@@ -257,10 +286,13 @@ class Cars:
             dt,
             n,
             self.uniforms,
+            uniforms is None,
             seen,
         )
 
-    def reset(self, mask: NDArray[np.bool_], given: Array) -> NDArray[np.float32]:
+    def reset(
+        self, mask: NDArray[np.bool_], given: Array, uniforms: Array | None = None
+    ) -> NDArray[np.float32]:
         """Begin episodes of the cars in `mask` (n,); return the observations of all cars.
 
         Parameters
@@ -269,13 +301,22 @@ class Cars:
             Which cars.
         given : ndarray (n, 5)
             See `begin`.
+        uniforms : ndarray (n, count), optional
+            See `begin`.
         """
         cars = np.flatnonzero(mask).astype(COUNT)
         seen = np.empty((self.n, self.size), SHOWN)
         if len(cars) < self.n:
             self.kernels.show(*self._moving(), self._settings[0], seen)
+        if len(cars) == self.n:
+            self._drawn_from[...] = self._chosen
+            self._forget()
+            if self._alike and len(self._fixed) > 1:
+                self._fixed = aligned((1, self._fixed.shape[1]), self._fixed.dtype)
+                self._of_block[:, 0] = 0
         self._of_block[:, 1] = np.iinfo(COUNT).max if len(cars) == self.n else 0
-        self.begin(cars, np.ascontiguousarray(given[cars], FLOAT), seen)
+        own = None if uniforms is None else uniforms[cars]
+        self.begin(cars, np.ascontiguousarray(given[cars], FLOAT), seen, own)
         return seen
 
     def step(self, actions: NDArray[np.float32], mode: int) -> Interval:
@@ -365,7 +406,74 @@ class Cars:
             "[-1, 1]. No car has moved"
         )
 
-    # What can be looked at ---------------------------------------------------------------------
+    def drive(
+        self,
+        act: Any,
+        gains: Array,
+        seen: NDArray[np.float32],
+        *,
+        intervals: int,
+        window: int,
+        shared: tuple[Any, ...] = (),
+    ) -> Array:
+        """Let laws drive for many control intervals, in compiled code, through ends of episodes.
+
+        Parameters
+        ----------
+        act : callable
+            A law, see `qcar_env.engine.held_law`.
+        gains : ndarray (k, ...)
+            Of k laws; the first drives the first n / k cars, and so on.
+        seen : ndarray (n, size) of float32
+            What the cars' policies see now; in the end, what they see then.
+        intervals, window : int
+            How many control intervals, and how many at their end amplitudes are taken over.
+        shared : tuple
+            What the laws have in common.
+
+        Returns
+        -------
+        ndarray (n, 2)
+            Largest |x1|, |x2| [m] at the ends of the intervals in the window; infinite for a car
+            whose state or action is no finite number.
+
+        Raises
+        ------
+        ValueError
+            If the cars cannot be shared out among the laws.
+        """
+        laws = len(gains)
+        if not laws or self.n % laws:
+            raise ValueError(
+                f"laws must drive equally many of {self.n} cars, got {laws} laws; give a divisor"
+            )
+        peak = np.zeros((self.n, 2))
+        driver(self.kernels.step.py_func, act)(
+            *(*self._moving(), self._scratch, *self._settings, *self._outputs()[1:]),
+            *(seen, np.zeros(self._shape, SHOWN), gains, self.n // laws, shared),
+            *(intervals, window, self.kernels.moving.row("state"), peak),
+        )
+        return np.where(np.isnan(peak), np.inf, peak)
+
+    # What can be looked at and kept ------------------------------------------------------------
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return all that moves: enough for a fleet with the same sources to go on from."""
+        return {name: getattr(self, name).copy() for name in MOVING}
+
+    def restore(self, kept: dict[str, NDArray[Any]]) -> None:
+        """Go on from a snapshot."""
+        for name in MOVING:
+            getattr(self, name)[...] = kept[name]
+
+    def entries(self, name: str) -> Any:
+        """Return the cars' `state`, `phasors` or `fixed`: a named tuple of arrays (n,)."""
+        kernels = self.kernels
+        own = name == "fixed"
+        layout = kernels.fixed if own else kernels.moving
+        slabs = self._fixed[self._of_block[:, 0]] if own else self._slabs
+        like = layout.trees[name]
+        return tree.unflat(like, columns(slabs, layout.row(name), len(tree.flat(like)), self.n))
 
     @property
     def states(self) -> Array:
@@ -392,9 +500,17 @@ class Cars:
         own = self._fixed[self._of_block[:, 0]]
         return columns(own, row, count, self.n)
 
+    @property
     def held(self) -> Array:
-        """Return the last commands of the actuators, shape (n, m)."""
+        """The commands that the actuators hold, shape (n, m)."""
         return columns(self._slabs, self.kernels.moving.row("held"), self.actions, self.n).T
+
+    @property
+    def memory(self) -> Array:
+        """Memory of the actuators, shape (n, k); k is 0 where they have none."""
+        row = self.kernels.moving.row("state")
+        count = self.kernels.moving.row("phasors") - row - 4
+        return columns(self._slabs, row + 4, count, self.n).T
 
     def stagger(self, elapsed: NDArray[np.int64]) -> None:
         """Set the control intervals that the cars' episodes have lasted, (n,)."""
@@ -413,6 +529,104 @@ class Cars:
         """Memory that the cars take [B]."""
         own = (self._slabs, self._clocks, self._fixed, self._of_block)
         return sum(each.nbytes for each in (*own, self._streams, self._chosen, self._bounds))
+
+
+class Car:
+    """A car by itself: what the scalar environment drives.
+
+    Parameters
+    ----------
+    plan : Plan
+        What it is, and what it draws its episodes from.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.array = np.zeros(0)
+        self.plan = plan
+        self._compile()
+        self.take(plan)
+        self.array[self._clock_row("done")] = 1.0
+
+    def take(self, plan: Plan) -> None:
+        """Let the next episode be drawn from another plan of the same composition."""
+        own, table = self.kernels.own, plan.source.table
+        self.size = len(plan.composition.observed)
+        self.actions: int = plan.composition.actuator.size  # pyright: ignore[reportAttributeAccessIssue]
+        array = aligned((own.table + len(table),))
+        array[: own.table] = self.array[: own.table] if len(self.array) else 0.0
+        array[own.dt : own.dt + 2] = plan.dt, plan.substeps
+        array[own.table :] = table
+        self.array, self._source, self.plan = array, plan.source, plan
+
+    def _compile(self) -> None:
+        self.kernels = compose(self.plan.composition, False)
+        self.advance = self.kernels.step_one.compile(_ONE)
+
+    def _clock_row(self, name: str) -> int:
+        return self.kernels.own.clock + self.kernels.clock.find(f"clock.{name}")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave compiled code behind; it is made anew."""
+        made = ("kernels", "advance")
+        return {name: value for name, value in vars(self).items() if name not in made}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore everything else, and compile."""
+        vars(self).update(state)
+        self._compile()
+        self.take(self.plan)
+
+    def begin(self, uniforms: Array, given: Array) -> NDArray[np.float32]:
+        """Begin an episode; return the observation (size,).
+
+        Parameters
+        ----------
+        uniforms : ndarray (count,)
+            Numbers from [0, 1) that it is drawn from, `Source.count` of them.
+        given : ndarray (5,)
+            State and phase where they are not drawn, else not a number.
+        """
+        source, seen = self._source, np.empty(self.size, SHOWN)
+        self.kernels.reset_one(
+            self.array, uniforms, given, source.row, source.draws, source.targets, seen
+        )
+        return seen
+
+    # A step is ``advance(array, action, seen, force)`` with the action (m,) of float32; observation
+    # (size,) of float32 and forces (m,) are written. It returns a code (`FINE`, `OVER`,
+    # `NOT_FINITE`, `WRONG_SHAPE`), the reward, whether the episode is terminated or truncated, the
+    # reward's terms and the penalty for leaving the travel.
+
+    @property
+    def state(self) -> Array:
+        """State (x1, x2, v1, v2) [m, m, m/s, m/s], shape (4,)."""
+        row = self.kernels.moving.row("state")
+        return self.array[row : row + 4].copy()
+
+    @property
+    def held(self) -> Array:
+        """The commands that the actuators hold, shape (m,)."""
+        row = self.kernels.moving.row("held")
+        return self.array[row : row + self.actions].copy()
+
+    @property
+    def memory(self) -> Array:
+        """Memory of the actuators, shape (k,); k is 0 where they have none."""
+        row = self.kernels.moving.row("state")
+        return self.array[row + 4 : self.kernels.moving.row("phasors")].copy()
+
+    def clock(self, name: str) -> float:
+        """Return an entry of `qcar_env.engine.starts.Clock`."""
+        return float(self.array[self._clock_row(name)])
+
+
+_NUMBERS = numba.types.Array(numba.types.float64, 1, "C")
+_ONE = (  # what a step takes; an action may lie in memory in any way
+    _NUMBERS,
+    numba.types.Array(numba.types.float32, 1, "A"),
+    numba.types.Array(numba.types.float32, 1, "C"),
+    _NUMBERS,
+)
 
 
 def _equal(a: Source, b: Source) -> bool:

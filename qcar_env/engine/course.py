@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
-from qcar_env.engine.compile import compiled
+from qcar_env.engine.compile import compiled, compiled_apart
 from qcar_env.physics.car import CarFunctions
 from qcar_env.physics.motion import (
     Input,
@@ -134,7 +134,9 @@ def course(road: RoadFunctions, car: CarFunctions) -> Course:
         if each is not None:
             compiled(each)
     made = _read(road, car) if road.pieces is None else _turning(road, car)
-    return Course(*(compiled(each) for each in made))
+    for each in made:
+        (compiled_apart if each is made.steps else compiled)(each)
+    return made
 
 
 @cache
@@ -210,7 +212,7 @@ def _read(road: RoadFunctions, car: CarFunctions) -> Course:
         y = height(s, kink, fixed.road, table)
         return road_input(y, slope(s, kink, fixed.road, table) * fixed.speed, fixed.car)
 
-    compiled(on_road)
+    compiled_apart(on_road)
 
     def reading(t: Any, kink: Any, w: Any, fixed: Any, table: Any) -> Any:
         s = fixed.speed * t

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from qcar_env.engine.compile import (
     load,
     load_wide,
     negative_sum,
-    reward_terms,
+    outcome,
     save,
     source_stamp,
     together,
@@ -98,6 +98,14 @@ class Composition:
         return mine == theirs
 
 
+class Own(NamedTuple):
+    """Places in the array of a car by itself, which begins with what moves."""
+
+    clock: int
+    dt: int  # and the substeps after it
+    table: int  # of the road, to the end
+
+
 @dataclass(frozen=True)
 class Kernels:
     """Compiled functions, and where things lie."""
@@ -111,8 +119,10 @@ class Kernels:
     begin: Any
     show: Any
     ending: Any
+    entries: Any  # entries(x, phasors, command, fixed) of the observation on a turning road
     step_one: Any
     reset_one: Any
+    own: Own  # where things lie in the array of a car by itself
 
 
 @cache
@@ -139,7 +149,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         tuple(together(tuple(each.reading for each in term.reads)) for term in what.terms)
     )
     costs_of = together(tuple(term.cost for term in what.terms), each_its_own=True)
-    for each in (*plant, kind.command, kind.force):
+    for each in (*plant, kind.command, kind.force, kind.largest):
         compiled(each)
 
     # Shapes of what lies in slabs; the numbers do not matter.
@@ -192,6 +202,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
 
     plant_rate, plant_forces = plant.rate, plant.forces
     command_of, prepare, kick, tyre_load = kind.command, car.prepare, car.kick, car.tyre_load
+    largest = kind.largest
     begin_road, amplitudes, phasor_at, next_kink = road[:4]
     jump_at, after, reading, steps_of = road[4:]
     sources = source_stamp(
@@ -243,7 +254,8 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         rate = plant_rate(x, input, command, fixed)
         F_dot = -fixed.force.f * fixed.force.Omega * w.force.s
         load_now = tyre_load(x.car, input, fixed.car)
-        return Moment(x.car, rate.car, y, y_dot, input.F, F_dot, u1, u2, load_now)
+        limit = largest(fixed.actuator)
+        return Moment(x.car, rate.car, y, y_dot, input.F, F_dot, u1, u2, load_now, limit)
 
     @compiled
     def judge(now: Any, before: Any, fixed: Any) -> Any:
@@ -262,6 +274,10 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             kink += 1
         y, y_dot, input = reading(t, kink, w, fixed, table)
         return moment(x, w, command, fixed, y, y_dot, input)
+
+    def entries_of(x: Any, w: Any, command: Any, fixed: Any) -> Any:
+        y, y_dot, input = reading(0.0, 0, w, fixed, NO_TABLE)
+        return times(read(moment(x, w, command, fixed, y, y_dot, input), fixed), fixed.scales)
 
     @compiled
     def entry(value: Any) -> Any:
@@ -380,70 +396,59 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         for i in range(K):
             seen[i] = entry(entries[i])
 
+    # A car by itself is one array: what moves, its clock, what is fixed, dt, substeps, its road's
+    # table.
+    OWN_CLOCK = moving.size
+    OWN_FIXED = OWN_CLOCK + clocks.size
+    DT = OWN_FIXED + fixed_rows.size
+    SUBSTEPS, TABLE = DT + 1, DT + 2
+
     @kernel(nogil=False)
     def reset_one(
-        z: Any,
-        clock: Any,
-        p: Any,
-        uniforms: Any,
-        given: Any,
-        nominal: Any,
-        draws: Any,
-        targets: Any,
-        table: Any,
-        step: Any,
-        seen: Any,
+        car: Any, uniforms: Any, given: Any, nominal: Any, draws: Any, targets: Any, seen: Any
     ) -> None:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        z, clock, p = car[:OWN_CLOCK], car[OWN_CLOCK:OWN_FIXED], car[OWN_FIXED:DT]
+        step, table = car[DT] / int(car[SUBSTEPS]), car[TABLE:]
         start_car(z, clock, p, 1, 0, uniforms, given, nominal, draws, targets, table, step, seen)
 
     @kernel(nogil=False)
-    def step_one(
-        z: Any, clock: Any, p: Any, table: Any, action: Any, dt: Any, n: Any, seen: Any, push: Any
-    ) -> Any:
+    def step_one(car: Any, action: Any, seen: Any, push: Any) -> Any:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        fixed = load(p, 0, 1, 0, FIXED)
-        terms = reward_terms(COSTS, 0.0)
         if action.shape[0] != m:
-            return WRONG_SHAPE, 0.0, False, False, terms
-        if clock[DONE] > 0.0:
-            return OVER, 0.0, False, False, terms
+            return outcome(WRONG_SHAPE, 0.0, False, False, COSTS, 0.0)
+        time = load(car, OWN_CLOCK, 1, 0, CLOCK)
+        if time.done > 0.0:
+            return outcome(OVER, 0.0, False, False, COSTS, 0.0)
         first, last = float(action[0]), float(action[m - 1])
         if not (abs(first) <= HIGHEST and abs(last) <= HIGHEST):
-            return NOT_FINITE, 0.0, False, False, terms
+            return outcome(NOT_FINITE, 0.0, False, False, COSTS, 0.0)
+        fixed = load(car, OWN_FIXED, 1, 0, FIXED)
+        dt, n, table = car[DT], int(car[SUBSTEPS]), car[TABLE:]
         given = (first, last)
         c = command_of(given, fixed.actuator)
-        step = step_fractions(dt / n)
-        time = load(clock, 0, 1, 0, CLOCK)
-        x, w = load(z, X, 1, 0, STATE), load(z, W, 1, 0, PHASORS)
+        x, w = load(car, X, 1, 0, STATE), load(car, W, 1, 0, PHASORS)
         t = time.start + time.elapsed * dt
-        x, w, kink, next = drive(x, w, c, fixed, int(time.kink), time.next, t, dt, n, step, table)
+        x, w, kink, next = drive(
+            x, w, c, fixed, int(time.kink), time.next, t, dt, n, step_fractions(dt / n), table
+        )
         elapsed = time.elapsed + 1.0
         now = look(x, w, c, fixed, kink, time.start + elapsed * dt, table)
-        costs, out, measured = judge(now, load(z, BEFORE_ROW, 1, 0, BEFORE), fixed)
+        costs, out, measured = judge(now, load(car, BEFORE_ROW, 1, 0, BEFORE), fixed)
         late = elapsed >= time.last and not out
         penalty = -fixed.penalty if out else 0.0
         done = 1.0 if out or late else 0.0
-        save(z, X, 1, 0, x)
-        save(z, W, 1, 0, w)
-        save(z, BEFORE_ROW, 1, 0, measured)
-        save(
-            clock,
-            0,
-            1,
-            0,
-            Clock(elapsed, time.last, done, time.start, time.phase, float(kink), next),
-        )
-        z[HELD] = min(max(first, -1.0), 1.0)
-        z[HELD + m - 1] = min(max(last, -1.0), 1.0)
+        clock = Clock(elapsed, time.last, done, time.start, time.phase, float(kink), next)
+        save(car, X, 1, 0, x)
+        save(car, W, 1, 0, w)
+        save(car, BEFORE_ROW, 1, 0, measured)
+        save(car, OWN_CLOCK, 1, 0, clock)
+        save(car, HELD, 1, 0, c)
         entries = times(read(now, fixed), fixed.scales)
         for i in range(K):
             seen[i] = entry(entries[i])
-        forces = forces_of(now)
-        for i in range(m):
-            push[i] = forces[i]
-        terms = reward_terms(costs, penalty)
-        return FINE, negative_sum(costs) + penalty, out, late, terms
+        save(push, 0, 1, 0, forces_of(now))
+        return outcome(FINE, negative_sum(costs) + penalty, out, late, costs, penalty)
 
     # Blocks of cars ---------------------------------------------------------------------------
     # Where a road needs a table, that of a car lies in `tables` between its two of `bounds`.
@@ -485,16 +490,21 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         dt: Any,
         n: Any,
         kept: Any,
+        draw: Any,
         seen: Any,
     ) -> None:
-        """Begin episodes of the cars in `which`; `given` has a row for each, or one for all."""
+        """Begin episodes of the cars in `which`; `given` has a row for each, or one for all.
+
+        The numbers that they are drawn from are `kept`; they come from there if not `draw`.
+        """
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         for row in range(which.shape[0]):
             i = which[row]
             block, j, k = i // LANES, i % LANES, chosen[i]
             uniforms = kept[i, : counts[k, 0]]
-            for each in range(uniforms.shape[0]):
-                uniforms[each] = uniform(streams, i)
+            if draw:
+                for each in range(uniforms.shape[0]):
+                    uniforms[each] = uniform(streams, i)
             clock = clocks[block]
             start_car(
                 slabs[block],
@@ -726,6 +736,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
                 noted(moment(x, w, c, fixed, y, y_dot, input), s, z, clock, j, fixed)
 
     @kernel
+    @compiled_apart  # for kernels of many intervals, see `qcar_env.engine.held_law`
     def step(
         slabs: Any,
         clocks: Any,
@@ -767,7 +778,9 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             for j in range(lanes):
                 fixed = load(p, 0, LANES, j, FIXED)
                 action = (real(given[j, 0]), real(given[j, m - 1]))
-                save(s, C, LANES, j, command_of(action, fixed.actuator))
+                command = command_of(action, fixed.actuator)
+                save(s, C, LANES, j, command)
+                save(z, HELD, LANES, j, command)  # what is read again when others are reset
             crossing = False
             if blocks[block, 1] > 0:
                 blocks[block, 1] -= 1
@@ -889,6 +902,8 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         begin=begin,
         show=show,
         ending=ending,
+        entries=entries_of,
         step_one=step_one,
         reset_one=reset_one,
+        own=Own(clock=OWN_CLOCK, dt=DT, table=TABLE),
     )

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
@@ -194,3 +195,10 @@ def numbers(name: str, given: Any) -> NDArray[np.float64]:
     except (TypeError, ValueError, OverflowError, RuntimeError):  # the last: torch's
         pass
     raise ValueError(f"{name} must be numbers, got {given!r}; give a list or an array of numbers")
+
+
+def no_pygame() -> Exception:
+    """Return what says that a picture cannot be drawn."""
+    return gym.error.DependencyNotInstalled(
+        "rendering needs pygame; pip install 'qcar_env[render]'"
+    )

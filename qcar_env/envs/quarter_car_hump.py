@@ -6,24 +6,22 @@ import math
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
-import numba
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from qcar_env.engine.compile import aligned
-from qcar_env.engine.stepping import NOT_FINITE, OVER, compose
+from qcar_env.engine.cars import NOT_FINITE, OVER, SHOWN, Car
 from qcar_env.envs import episode as task
+from qcar_env.envs.picture import Picture, forces
 from qcar_env.physics.state import State
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 from qcar_env.scenarios.files import to_json
 from qcar_env.validation import finite, known
 
-SHOWN = np.dtype(np.float32)
-ACTION = numba.types.Array(numba.types.float32, 1, "A")
+_empty = np.empty
 
 if TYPE_CHECKING:
-    from qcar_env.envs.rendering import Picture, Renderer
+    from qcar_env.envs.rendering import Renderer
 
 
 class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
@@ -136,51 +134,30 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         high, plan = task.OBSERVATION_LIMIT, self._plan
         self.observation_space = gym.spaces.Box(-high, high, (len(plan.observed),), np.float32)
         self.action_space = gym.spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
-        self._compile()
-        kernels = self._kernels
-        self._slab = aligned((kernels.moving.size,))
-        self._clock = aligned((kernels.clock.size,))
-        self._fixed = aligned((kernels.fixed.size,))
-        self._clock[kernels.clock.find("clock.done")] = 1.0
-        self._uniforms = np.zeros(self._source.count)
+        self._uniforms = np.zeros(0)
+        self._human = render_mode == "human"
 
     def _take(self, named: Scenario, scale: float) -> None:
         """Let the next episode begin with another scenario or force limit."""
         plan = self._settings.plan(named, scale)
-        if hasattr(self, "_plan") and plan.composition != self._plan.composition:
+        if not hasattr(self, "_car"):
+            self._car = Car(plan)
+        elif plan.composition != self._car.plan.composition:
             raise ValueError(
                 f"scenario {named.name!r} is made of other parts than this environment's, or has "
                 "another number of actuators; make a new environment for it"
             )
-        self._source = plan.source  # nothing changes before this is known to be good
         self._plan, self._named, self._force_scale = plan, named, scale
         self._base = plan.scenario
         self._action_shape = (self._base.actuator.size,)
-        self._size, self._actions = len(plan.observed), self._base.actuator.size
-        self._dt, self._substeps = self._base.dt, self._base.substeps
+        if self._spec is not None:
+            self._spec.max_episode_steps = self._base.steps
+        self._usual = [each.name for each in plan.terms] == ["x1", "x2"]
         self._keys = ("force", *(f"reward_{each.name}" for each in plan.terms), "reward_travel")
 
-    def _compile(self) -> None:
-        plan = self._plan
-        self._kernels = compose(plan.composition, False)
-        numbers = numba.types.Array(numba.types.float64, 1, "C")
-        shown = numba.types.Array(numba.types.float32, 1, "C")
-        whole, real = numba.types.int64, numba.types.float64
-        self._advance = self._kernels.step_one.compile(
-            (*(numbers,) * 4, ACTION, real, whole, shown, numbers)
-        )
-        self._human = self.render_mode == "human"
-
     def __getstate__(self) -> dict[str, Any]:
-        """Leave compiled code and the window behind; they are made anew."""
-        made = ("_kernels", "_advance")
-        kept = {name: value for name, value in vars(self).items() if name not in made}
-        return {**kept, "_renderer": None}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore everything else, and compile."""
-        vars(self).update(state)
-        self._compile()
+        """Leave the window behind; it is made anew."""
+        return {**vars(self), "_renderer": None}
 
     @property
     def spec(self) -> EnvSpec | None:  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -188,30 +165,17 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         return self._spec
 
     @spec.setter
-    def spec(self, given: EnvSpec | None) -> None:
+    def spec(self, given: EnvSpec | None) -> None:  # pyright: ignore[reportIncompatibleVariableOverride]
         if given is not None:
             named = given.kwargs.get("scenario")
             if isinstance(named, Scenario):
                 given.kwargs["scenario"] = to_json(named)
-            if given.max_episode_steps is not None:
-                self._set_most_steps(given.max_episode_steps)
             given.max_episode_steps = self._base.steps
         self._spec = given
 
-    def _set_most_steps(self, given: int) -> None:
-        kept = self._settings
-        self._settings = task.Settings(
-            kept.observe,
-            kept.observe_limit,
-            kept.reward,
-            kept.duration,
-            task.most_steps(given),
-        )
-        self._take(self._named, self._force_scale)
-
     @property
     def scenario(self) -> Scenario:
-        """The scenario with this environment's force limit and duration; episodes are drawn from it.
+        """The scenario that episodes are drawn from, with this environment's limit and duration.
 
         Another one can be set, of the same parts; it holds from the next reset on.
         """
@@ -237,29 +201,29 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     @property
     def force_limit(self) -> NDArray[np.float64]:
-        """Force that action 1 makes in this episode, shape (m,) [m/s^2] or [N]."""
-        return np.array(self.episode.actuator.limit)
+        """What action 1 asks for in this episode, shape (m,).
+
+        A force [m/s^2] or [N], of a semi-active damper its damping [N s/m].
+        """
+        actuator: Any = self.episode.actuator
+        return np.array(actuator.limit)
 
     @property
     def dt(self) -> float:
         """Control interval [s]."""
-        return self._dt
-
-    def _at(self, name: str) -> float:
-        return float(self._clock[self._kernels.clock.find(f"clock.{name}")])
+        return self._base.dt
 
     @property
     def state(self) -> State:
         """State of the plant in SI units."""
         self._check_running("state")
-        row = self._kernels.moving.row("state")
-        return State(*self._slab[row : row + 4].tolist())
+        return State(*self._car.state.tolist())
 
     @property
     def time(self) -> float:
         """Time on the road [s], which begins at the drawn phase."""
         self._check_running("time")
-        return self._at("start") + self._at("elapsed") * self._dt
+        return self._car.clock("start") + self._car.clock("elapsed") * self._drawn_from.dt
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -297,27 +261,16 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             given[4] = finite("phase", options["phase"], "rad")
         if changed:
             self._take(named, scale)
+        if self._car.plan is not self._plan:
+            self._car.take(self._plan)
         super().reset(seed=seed)  # nothing is drawn before every option is known to be good
-        source = self._source
-        self._uniforms = self.np_random.random(source.count)
-        observation = np.empty(self._size, SHOWN)
+        self._uniforms = self.np_random.random(self._plan.source.count)
+        observation = self._car.begin(self._uniforms, np.array(given))
         self._drawn_from, self._started = self._base, True
-        self._kernels.reset_one(
-            self._slab,
-            self._clock,
-            self._fixed,
-            self._uniforms,
-            np.array(given),
-            source.row,
-            source.draws,
-            source.targets,
-            source.table,
-            self._dt / self._substeps,
-            observation,
-        )
-        if self.render_mode == "human":
+        if self._human:
             self.render()
-        return observation, {"force": np.zeros(self._actions), "phase": self._at("phase")}
+        force = np.zeros(self._action_shape)
+        return observation, {"force": force, "phase": self._car.clock("phase")}
 
     def step(
         self, action: NDArray[np.float32]
@@ -342,26 +295,24 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         ValueError
             If the action has the wrong shape or is not a number, or the episode is over.
         """
-        observation, force = np.empty(self._size, SHOWN), np.empty(self._actions)
+        car = self._car
+        observation, force = _empty(car.size, SHOWN), _empty(car.actions)
         try:
-            code, reward, terminated, truncated, terms = self._advance(
-                self._slab,
-                self._clock,
-                self._fixed,
-                self._source.table,
-                action,
-                self._dt,
-                self._substeps,
-                observation,
-                force,
-            )
+            outcome = car.advance(car.array, action, observation, force)
         except TypeError:  # no array of float32
-            return self.step(task.checked_actions("action", action, self._action_shape, "actuator"))
-        if code:
-            self._refuse(code, action)
+            checked = task.checked_actions("action", action, self._action_shape, "actuator")
+            return self.step(checked)
+        if outcome[0]:
+            self._refuse(outcome[0], action)
         if self._human:
             self.render()
-        return observation, reward, terminated, truncated, dict(zip(self._keys, (force, *terms)))  # noqa: B905 - equal lengths, and quicker
+        if self._usual:  # written out, which is quicker
+            _, reward, terminated, truncated, x1, x2, travel = outcome
+            info = {"force": force, "reward_x1": x1, "reward_x2": x2, "reward_travel": travel}
+        else:
+            _, reward, terminated, truncated, *terms = outcome
+            info = dict(zip(self._keys, (force, *terms), strict=True))
+        return observation, reward, terminated, truncated, info
 
     def _refuse(self, code: int, action: Any) -> None:
         """Say why a step was not taken."""
@@ -387,7 +338,10 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             return None
         picture = self.picture()
         if self._renderer is None:
-            from qcar_env.envs.rendering import Renderer
+            try:
+                from qcar_env.envs.rendering import Renderer
+            except ImportError as error:
+                raise task.no_pygame() from error
 
             self._renderer = Renderer(self.render_mode, 1.0 / self.dt)
         return self._renderer.render(picture)
@@ -399,26 +353,20 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         ------
         ResetNeeded
             Before the first reset.
-        DependencyNotInstalled
-            If pygame is absent.
         """
         self._check_running("render")
-        try:
-            from qcar_env.envs.rendering import Picture
-        except ImportError as error:
-            raise gym.error.DependencyNotInstalled(
-                "rendering needs pygame; pip install 'qcar_env[render]'"
-            ) from error
         name, colour = self.caption
+        episode, state = self.episode, self.state
+        held, memory = self._car.held.tolist(), self._car.memory.tolist()
         return Picture(
             name=name,
             colour=colour,
-            nominal=self._base,
-            episode=self.episode,
+            nominal=self._drawn_from,
+            episode=episode,
             time=self.time,
-            elapsed=self._at("elapsed") * self._dt,
-            state=self.state,
-            action=self._last_action(),
+            elapsed=self._car.clock("elapsed") * self._drawn_from.dt,
+            state=state,
+            force=forces(episode.actuator, held, memory, state),
         )
 
     def close(self) -> None:
@@ -426,10 +374,6 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
-
-    def _last_action(self) -> tuple[float, ...]:
-        row = self._kernels.moving.row("held")
-        return tuple(self._slab[row : row + self._actions].tolist())
 
     def _check_running(self, what: str) -> None:
         if not self._started:

@@ -1,10 +1,11 @@
 """Rewards: minus the costs of some terms, each of which reads scaled signals.
 
-A term is a part: numbers, the signals that it reads, and a pure function of their values now and one
-control interval before. A signal is scaled as in the observation: 1 is its largest value without
-control. A reward of one's own is a tuple of terms.
+A term is a part: numbers, the signals that it reads, and a pure function of their values now and
+one control interval before. A signal is scaled as in the observation: 1 is its largest value
+without control. A reward of one's own is a tuple of terms.
 
-The default reward is minus ten times the mean of the envelope amplitudes over the uncontrolled ones,
+The default reward is minus ten times the mean of the envelope amplitudes over the uncontrolled
+ones,
 
     a_i / A_i = sqrt((x_i / A_i)^2 + (v_i / (omega_i A_i))^2),
 
@@ -72,10 +73,6 @@ class BodyAmplitude(Term):
     cost = staticmethod(envelope)
 
     weight: float = number("weight", "-", non_negative, WEIGHT)
-
-
-class _OfSignal(Term):
-    """What terms of any one signal share."""
 
 
 def squared(name: str | Signal, weight: float = 1.0) -> Term:
@@ -205,7 +202,8 @@ def removed_reward(scenario: Scenario, **weights: float) -> Reward:
     ValueError
         If the scenario has one actuator for both masses, or a weight is negative.
     """
-    limit = scenario.actuator.limit
+    actuator: Any = scenario.actuator
+    limit = actuator.limit
     if len(limit) != 2:
         raise ValueError(
             f"reward 'removed' needs an actuator on each mass, got {len(limit)}; take 'amplitudes'"

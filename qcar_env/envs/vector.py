@@ -16,13 +16,14 @@ from qcar_env.engine.linear_cars import LinearCars, check_linear
 from qcar_env.engine.random import streams
 from qcar_env.engine.stepping import OBSERVATION_LIMIT
 from qcar_env.envs import episode as task
+from qcar_env.envs.picture import Picture, forces
 from qcar_env.physics.state import State
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 from qcar_env.scenarios.plan import Plan
 from qcar_env.validation import finite, known, whole
 
 if TYPE_CHECKING:
-    from qcar_env.envs.rendering import Painter, Picture
+    from qcar_env.envs.rendering import Painter
 
 MODES = {
     AutoresetMode.DISABLED: batch.DISABLED,
@@ -129,8 +130,9 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self._shape = (self.num_envs, self._cars.actions)
         self._mode = MODES[self.autoreset_mode]
         names = [each.name for each in drawn.plan.terms]
-        self._terms = (*(f"reward_{name}" for name in names), "reward_travel")
+        self.terms = (*(f"reward_{name}" for name in names), "reward_travel")
         self._started = False
+        self._later = False  # whether cars may draw from something else than what they run on
         self._every = np.ones(self.num_envs, batch.BOOL)  # the mask of what all cars have
         self._every.flags.writeable = False
         self.render_mode = render_mode
@@ -139,7 +141,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             raise ValueError(f"render_cars must be indices of cars, got {shown!r}; give a list")
         self._render_cars = [self._known_car(car) for car in shown]
         self.captions = [(f"car {car}", "#0072B2") for car in self._render_cars]
-        self._actions = np.zeros(self._shape, batch.SHOWN)
+        self._running = list(self._given)  # what the running episodes were drawn from
         self._painters: list[Painter] = []
 
     @property
@@ -149,8 +151,13 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
 
     @property
     def force_limits(self) -> NDArray[np.float64]:
-        """Forces that action 1 makes in the cars' episodes, shape (n, m) [m/s^2] or [N]."""
-        return self._cars.fixed("actuator.limit.0", self._cars.actions).T
+        """What action 1 asks for in the cars' episodes: a force [m/s^2] or [N], a damping [N s/m].
+
+        Shape (n, m).
+        """
+        semi_active = hasattr(self._given[0].base.actuator, "c_max")
+        path = "actuator.c_max" if semi_active else "actuator.limit.0"
+        return self._cars.fixed(path, self._cars.actions).T
 
     def scenario_of(self, car: int) -> Scenario:
         """Return the scenario from which a car draws its episodes."""
@@ -158,9 +165,8 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
 
     def episode_of(self, car: int) -> Scenario:
         """Return the scenario of a car's running episode, as drawn."""
-        base = self.scenario_of(car)
         uniforms = self._cars.uniforms[car]
-        return base.drawn(uniforms.tolist())
+        return self._running[car].base.drawn(uniforms.tolist())
 
     def force_scale_of(self, car: int) -> float:
         """Return the factor on a car's force limit [-]."""
@@ -169,7 +175,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     @property
     def dt(self) -> float:
         """Control interval [s]."""
-        return self._cars.dt
+        return self._cars.plan.dt
 
     def reset(
         self,
@@ -214,8 +220,10 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self._cars.seed(seeded, states)
         observations = self._cars.reset(mask, given)
         self._started = True
-        if self.render_mode is not None:
-            self._actions = np.where(mask[:, np.newaxis], batch.SHOWN.type(0.0), self._actions)
+        if mask.all():
+            self._running, self._later = list(self._given), False
+        for i in chosen.tolist() if self._later else ():
+            self._running[i] = self._given[i]
         info: dict[str, Any] = {
             "force": np.zeros(self._shape),
             "_force": mask.copy(),
@@ -257,18 +265,20 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         ResetNeeded
             Before the first reset.
         """
-        if not self._started:
-            raise gym.error.ResetNeeded("no episode yet; call reset before step")
-        done = self._cars.step(self._checked(actions), self._mode)
-        if self.render_mode is not None:
-            self._actions = np.array(actions, batch.SHOWN).clip(-1.0, 1.0)
+        done = self.advance(actions)
         every = self._every
         info: dict[str, Any] = {"force": done.force, "_force": every}
-        for i, name in enumerate(self._terms):
+        for i, name in enumerate(self.terms):
             info[name], info[f"_{name}"] = done.rewards[1 + i], every
         if done.begun is not None:
             self._add_begun(info, done)
         return done.seen, done.rewards[0], done.ends[0], done.ends[1], info
+
+    def advance(self, actions: NDArray[np.float32]) -> batch.Interval:
+        """Do what `step` does, and return what the engine does."""
+        if not self._started:
+            raise gym.error.ResetNeeded("no episode yet; call reset before step")
+        return self._cars.step(self._checked(actions), self._mode)
 
     def _checked(self, actions: Any) -> NDArray[np.float32]:
         """Return actions as an array of the kind that the engine takes."""
@@ -302,7 +312,10 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             for car, caption in zip(self._render_cars, self.captions, strict=True)
         ]
         if not self._painters:
-            from qcar_env.envs.rendering import Painter
+            try:
+                from qcar_env.envs.rendering import Painter
+            except ImportError as error:
+                raise task.no_pygame() from error
 
             self._painters = [Painter() for _ in pictures]
         return tuple(
@@ -310,22 +323,18 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         )
 
     def _picture(self, car: int, name: str, colour: str) -> Picture:
-        try:
-            from qcar_env.envs.rendering import Picture
-        except ImportError as error:
-            raise gym.error.DependencyNotInstalled(
-                "rendering needs pygame; pip install 'qcar_env[render]'"
-            ) from error
         elapsed = self._cars.clock("elapsed")[car] * self.dt
+        episode, state = self.episode_of(car), State(*self._cars.states[car].tolist())
+        held, memory = self._cars.held[car].tolist(), self._cars.memory[car].tolist()
         return Picture(
             name=name,
             colour=colour,
-            nominal=self.scenario_of(car),
-            episode=self.episode_of(car),
+            nominal=self._running[car].base,
+            episode=episode,
             time=self._cars.clock("start")[car] + elapsed,
             elapsed=elapsed,
-            state=State(*self._cars.states[car].tolist()),
-            action=tuple(self._actions[car].tolist()),
+            state=state,
+            force=forces(episode.actuator, held, memory, state),
         )
 
     def _known_car(self, car: Any) -> int:
@@ -349,14 +358,17 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         cars: Any = done.begun
         again = np.zeros(self.num_envs, batch.BOOL)
         again[cars] = True
+        if self._later:
+            for i in cars.tolist():
+                self._running[i] = self._given[i]
         info["phase"] = np.where(again, self._cars.phases, 0.0)
         info["_phase"] = again
         others = ~again
-        for name in self._terms:
+        for name in self.terms:
             info[f"_{name}"] = others
         if done.finals is not None:
             last: dict[str, Any] = {}
-            for name in ("force", *self._terms):
+            for name in ("force", *self.terms):
                 last[name] = np.zeros_like(info[name])
                 last[name][cars] = info[name][cars]
                 last[f"_{name}"] = again
@@ -368,7 +380,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             info |= {"final_obs": final, "_final_obs": again}
             info |= {"final_info": last, "_final_info": again}
         if len(cars) == self.num_envs:
-            for name in self._terms:
+            for name in self.terms:
                 del info[name], info[f"_{name}"]
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
@@ -432,6 +444,15 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         """
         self._cars.stagger(elapsed)
 
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return all that moves, to go on from."""
+        return self._cars.snapshot()
+
+    def restore(self, kept: dict[str, NDArray[Any]]) -> None:
+        """Go on from a snapshot of an environment made and assigned alike."""
+        self._cars.restore(kept)
+        self._started = True
+
     def assign(self, chosen: Sequence[int] | NDArray[np.intp], **options: Any) -> None:
         """Let cars draw their next episodes from another `scenario` or with another `force_scale`.
 
@@ -491,6 +512,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             self._cars.assign([(np.array(i), each.plan.source) for each, i in groups.values()])
         for i, each in drawn.items():
             self._given[i] = each
+        self._later = self._later or bool(groups)
 
     def _starts(
         self, chosen: NDArray[np.intp], drawn: dict[int, Drawn], options: dict[str, Any]

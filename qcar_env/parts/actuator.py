@@ -59,6 +59,11 @@ class Actuator(Part):
         return self.State(*(0.0 for _ in self.State._fields))
 
     @staticmethod
+    def largest(p: Any) -> Any:
+        """Return the first entry of `limit`."""
+        return p.limit[0]
+
+    @staticmethod
     def command(action: Any, p: Any) -> Any:
         """Return a tuple (m,) for an action (m,)."""
         raise NotImplementedError
@@ -254,6 +259,11 @@ class _Valve(Actuator):
     def limit(self) -> tuple[float, ...]:
         """The largest damping [N s/m]."""
         return (self.c_max,)
+
+    @staticmethod
+    def largest(p: Any) -> Any:
+        """Return the largest damping [N s/m]."""
+        return p.c_max
 
     @staticmethod
     def command(action: Any, p: Any) -> Any:

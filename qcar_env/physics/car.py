@@ -7,8 +7,8 @@ Two kinds behind one protocol. `PaperCar` keeps the nine coefficients of the pap
 
 `QuarterCar` is made of parts,
 
-    m1 x1'' = tyre(y - x1, y' - v1) + spring(x2 - x1) + damper(v2 - v1) + stops(x2 - x1) + m1 u1
-    m2 x2'' =                       - spring(x2 - x1) - damper(v2 - v1) - stops(x2 - x1) + m2 (F + u2)
+    m1 x1'' = tyre(y - x1, y' - v1) + S + m1 u1
+    m2 x2'' = -S + m2 (F + u2),    S = spring(x2 - x1) + damper(v2 - v1) + stops(x2 - x1)
 
 u1, u2 are specific forces [m/s^2]. Signs: see `qcar_env.physics.state`.
 
@@ -17,6 +17,7 @@ Source of (3)-(4): Alluhydan et al., Mathematics 2024, 12(19), 3046, section 2.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -129,10 +130,10 @@ def travel_rate(x: Any) -> Any:
 
 def paper_tyre_load(x: Any, input: Any, c: Any) -> Any:
     """Return 0: a car without masses has no load in newtons."""
-    return x.x1 * 0.0  # noqa: a number of the state's own kind
+    return x.x1 * 0.0  # a number of the state's own kind
 
 
-_PAPER = CarFunctions(
+PAPER_FUNCTIONS = CarFunctions(
     paper_prepare,
     paper_road_input,
     paper_rate,
@@ -237,7 +238,7 @@ class PaperCar(Part):
     @property
     def functions(self) -> CarFunctions:
         """The functions above."""
-        return _PAPER
+        return PAPER_FUNCTIONS
 
     @property
     def linear(self) -> bool:

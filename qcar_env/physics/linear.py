@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from qcar_env.parts.actuator import Actuator
+from qcar_env.parts.part import Nothing
 from qcar_env.physics.car import Car
 from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.motion import Input, Phasor, Phasors, turning, turning_step
@@ -85,6 +87,35 @@ def _rates(columns: Array, car: Car) -> Array:
     input = Input(functions.road_input(y, y_dot, c), F)
     entries = functions.rate(State(*columns[:4]), input, u1, u2, c)
     return np.array(np.broadcast_arrays(*entries, columns[0])[:4])
+
+
+def actuation(car: Car, actuator: Actuator) -> Array:
+    """Return the specific forces on wheel and body [m/s^2] that action 1 of each actuator makes.
+
+    Returns
+    -------
+    ndarray (2, m)
+        For an actuator that pushes on both masses, one column.
+
+    Raises
+    ------
+    ValueError
+        If the actuator is not linear, remembers, or acts late; the message says what to give.
+    """
+    numbers, functions = actuator.numbers, car.functions
+    if not actuator.linear or actuator.delay or actuator.State is not Nothing:
+        raise ValueError(
+            f"the actuator must be linear, at once and without a lag, got {actuator}; "
+            "give IndependentActuators or a SuspensionActuator, or simulate"
+        )
+    columns: list[tuple[float, float]] = []
+    for action in np.eye(actuator.size).tolist():
+        command = type(actuator).command(action, numbers)
+        forces = type(actuator).force(Nothing(), command, 0.0, numbers)
+        if actuator.unit == "N":
+            forces = functions.by_mass(*forces, functions.prepare(car.numbers))
+        columns.append(forces)
+    return np.array(columns, dtype=np.float64).T
 
 
 def jacobian(car: Car) -> Array:

@@ -25,6 +25,7 @@ class Moment(NamedTuple):
     u1: Any  # force of the actuators on the wheel, in their unit [m/s^2] or [N]
     u2: Any  # and on the body
     tyre_load: Any  # force between tyre and road [N]; 0 for a car without masses
+    limit: Any  # largest force that the first action can ask for, or largest damping
 
 
 @dataclass(frozen=True)
@@ -137,8 +138,8 @@ def u2(m: Any, p: Any) -> Any:
 
 
 def limit(m: Any, p: Any) -> Any:
-    """Return the largest force that the first action can ask for, in the actuator's unit."""
-    return p.actuator.limit[0]
+    """Return what action 1 of the first actuator asks for: its largest force, or damping."""
+    return m.limit
 
 
 FORCE = "m/s^2 or N"  # of an actuator: as it is rated

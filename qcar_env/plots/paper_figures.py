@@ -2,7 +2,8 @@
 
 Each function takes the numbers that `qcar_env.analysis.paper.experiments` computes and returns a
 figure; nothing is computed or saved here. Inside `qcar_env.plots.style.journal` they have the
-look of all figures. Simulated points are open circles, unstable motions dashed.
+look of all figures. Simulated points are open circles, unstable motions dashed. The file is long
+because sixteen figures share their grids, axes and legends.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.parts.part import text
+from qcar_env.parts.part import Nothing, text
 from qcar_env.roads.profile import NEAREST, ROUNDING, Road, frozen
 from qcar_env.validation import finite, finite_array, positive, shown, store
 
@@ -35,7 +35,16 @@ EVEN = 1e-6  # of a spacing, chosen here: how far samples may lie from an even g
 
 @dataclass(frozen=True, kw_only=True)
 class Tabulated(Road):
-    """Base of the roads that are read from a table in constant time: an index and one cubic."""
+    """Base of the roads that are read from a table in constant time: an index and one cubic.
+
+    The table is made from the road's fields, none of which is a number of its functions. They
+    cannot vary from episode to episode: a road of other fields is another road.
+    """
+
+    @property
+    def numbers(self) -> Nothing:
+        """None: everything is in the table."""
+        return Nothing()
 
     @staticmethod
     def height(s: float, piece: int, p: Any, table: Any) -> float:

@@ -156,7 +156,7 @@ def from_text(text: str) -> Scenario:
         If it is neither, or not that of a scenario.
     """
     try:
-        import tomllib
+        import tomllib  # pyright: ignore[reportMissingImports]  from Python 3.11 on
     except ImportError:
         import tomli as tomllib  # pyright: ignore
     try:

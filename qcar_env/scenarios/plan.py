@@ -37,7 +37,8 @@ class Plan:
     penalty : float
         What leaving the travel costs, for each reference amplitude of the limit [-].
     own : Scenario, optional
-        The scenario before its force limit was scaled, which is 1 in the observation.
+        The scenario before its force limit was scaled; its limit is 1 in the observation, and its
+        uncontrolled motion gives the scales.
     unscaled : tuple of float, optional
         For the search of scales: amplitudes and frequencies of the starts; readings are shown in
         millionths and no travel ends an episode.
@@ -48,7 +49,7 @@ class Plan:
     terms: tuple[Any, ...] = ()
     penalty: float = 0.0
     own: Scenario | None = None
-    unscaled: tuple[float, ...] | None = None
+    unscaled: tuple[float, float, float, float] | None = None
 
     @property
     def dt(self) -> float:
@@ -65,7 +66,7 @@ class Plan:
         """The scenario as plain numbers."""
         scenario = self.scenario
         if self.unscaled is None:
-            found = scenario.reference
+            found = (self.own or scenario).reference
             limit = scenario.travel_limit
             amplitudes = Amplitudes(
                 *found.start,
@@ -102,9 +103,18 @@ class Plan:
         scale = scenario.reference.scale(signal, scenario)
         return 1.0 / scale if scale > 0.0 else 0.0
 
-    @cached_property
+    @property
     def composition(self) -> Composition:
         """What is compiled."""
+        return self._composition
+
+    @property
+    def source(self) -> Source:
+        """The numbers that cars draw from."""
+        return self._source
+
+    @cached_property
+    def _composition(self) -> Composition:
         return Composition(
             car=self.scenario.car.functions,
             road=road_functions(type(self.scenario.road)),
@@ -115,8 +125,7 @@ class Plan:
         )
 
     @cached_property
-    def source(self) -> Source:
-        """The numbers that cars draw from."""
+    def _source(self) -> Source:
         index = tree.paths(self.nominal)
         inside = {
             path.removeprefix("numbers."): place
@@ -135,5 +144,5 @@ class Plan:
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave what is derived behind: compiled functions cannot be pickled."""
-        derived = ("nominal", "composition", "source")
+        derived = ("nominal", "_composition", "_source")
         return {name: value for name, value in vars(self).items() if name not in derived}

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from qcar_env.engine.stepping import OBSERVATION_LIMIT
 from qcar_env.physics import linear
 from qcar_env.physics.signals import SIGNALS, Signal
 from qcar_env.validation import non_negative, positive, store
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 DRAWN = 32  # episodes from drawn starts that are looked at beside the one from rest
 MOST_STEPS = 100_000  # control intervals that are looked at, chosen here: some seconds of work
+ACTUATORS = {"u1": 0, "u2": 1}  # signals of forces, and which actuator makes them
 TINY = 1e-6  # makes a reading of any signal small enough for the bound of an observation
 
 
@@ -70,12 +72,20 @@ class Reference:
     scales: Mapping[str, float]  # largest values of signals, by name, in their units
 
     def scale(self, signal: Signal, scenario: Scenario) -> float:
-        """Return what a signal is divided by: its own scale, the scenario's, or its largest value."""
+        """Return what a signal is divided by.
+
+        Its own scale, the scenario's, or its largest value; of an actuator's force, where there is
+        none without control, its limit.
+        """
         if signal.scale is not None:
             return signal.scale
-        if signal.name in self.scales:
-            return self.scales[signal.name]
-        return _largest(_plain(scenario), (signal,))[1][signal.name]
+        found = self.scales.get(signal.name)
+        if found is None:
+            found = _largest(_plain(scenario), (signal,))[1][signal.name]
+        if found == 0.0 and signal.name in ACTUATORS:  # without control there is none
+            limits = _limits(scenario)
+            return limits[min(ACTUATORS[signal.name], len(limits) - 1)]
+        return found
 
 
 def reference(scenario: Scenario) -> Reference:
@@ -87,6 +97,11 @@ def reference(scenario: Scenario) -> Reference:
         If the car does not move at all (no road, no force), as nothing can be reduced then.
     """
     return _reference(_plain(scenario))
+
+
+def _limits(scenario: Scenario) -> tuple[float, ...]:
+    actuator: Any = scenario.actuator
+    return actuator.limit
 
 
 def _plain(scenario: Scenario) -> Scenario:
@@ -105,7 +120,7 @@ def _reference(scenario: Scenario) -> Reference:
             "x2": stated.A2,
             "v1": stated.omega1 * stated.A1,
             "v2": stated.omega2 * stated.A2,
-            "limit": scenario.actuator.limit[0],
+            "limit": _limits(scenario)[0],
             **stated.others,
         }
         return Reference(
@@ -119,7 +134,7 @@ def _reference(scenario: Scenario) -> Reference:
         amplitudes=steady or peaks,
         start=peaks,
         frequencies=frequencies,
-        scales={**largest, "limit": scenario.actuator.limit[0]},
+        scales={**largest, "limit": _limits(scenario)[0]},
     )
 
 
@@ -171,21 +186,23 @@ def _largest(
 
 def _idle(plan: Any, seed: int | None, n: int) -> NDArray[np.float64]:
     """Return the largest reading of each signal of idle cars, from rest or from drawn starts."""
-    from qcar_env.engine.cars import DISABLED, Cars, streams
+    from qcar_env.engine.cars import Car
 
-    cars = Cars(n, plan)
-    given = np.full((n, 5), np.nan)
-    if seed is None:
-        given[:] = 0.0
-    cars.seed(np.arange(n), streams(range(n)))
-    largest = np.abs(cars.reset(np.ones(n, dtype=np.bool_), given)).max(axis=0).astype(np.float64)
-    idle = np.zeros((n, cars.actions), np.float32)
-    for _ in range(plan.scenario.steps):
-        seen = cars.step(idle, DISABLED).seen
-        if not np.isfinite(seen).all():
+    car = Car(plan)
+    rng = np.random.default_rng(seed)
+    given = np.full(5, np.nan if seed is not None else 0.0)
+    idle, force = np.zeros(car.actions, np.float32), np.empty(car.actions)
+    largest = np.zeros(car.size)
+    for _ in range(n):
+        seen = np.abs(car.begin(rng.random(plan.source.count), given))
+        for _ in range(plan.scenario.steps):
+            np.maximum(largest, seen, out=largest)
+            car.advance(car.array, idle, seen, force)
+            seen = np.abs(seen)
+        np.maximum(largest, seen, out=largest)
+        if not np.isfinite(seen).all() or largest.max() >= OBSERVATION_LIMIT:
             raise ValueError(
                 "the uncontrolled car must stay within bounds, but it diverges; give it damping, "
                 "softer stops, a smaller dt or more substeps"
             )
-        np.maximum(largest, np.abs(seen).max(axis=0), out=largest)
     return largest / TINY

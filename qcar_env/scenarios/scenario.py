@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from qcar_env.engine.starts import Force, Numbers, vary
 from qcar_env.parts.actuator import Actuator
@@ -94,7 +95,8 @@ class Scenario:
         """Check the numbers, alone and against each other."""
         if not hasattr(self.car, "functions"):
             raise ValueError(
-                f"car must be a PaperCar or a QuarterCar, got {shown(self.car)}; give such an object"
+                f"car must be a PaperCar or a QuarterCar, got {shown(self.car)}; give such an "
+                "object"
             )
         for name, kind in (("road", Road), ("force", ExternalForce), ("actuator", Actuator)):
             instance(name, getattr(self, name), kind)
@@ -128,8 +130,11 @@ class Scenario:
                 "an actuator rated in newtons needs a car with masses, got a PaperCar; "
                 "make the car with QuarterCar"
             )
-        if self.actuator.unit != "N" and self.car.has_masses:
-            pass  # specific forces act on any car
+        if self.actuator.delay > 0.0:
+            raise ValueError(
+                f"delay of the actuator must be 0 s, got {self.actuator.delay:g} s, as fleets hold "
+                "no command back; give a lag instead"
+            )
         index = tree.paths(self.numbers)
         for each in varied:
             for path in each.numbers:
@@ -192,12 +197,12 @@ class Scenario:
             found = _replaced(found, path.split("."), value)
         return found
 
-    def drawn(self, uniforms: Sequence[float]) -> Scenario:
+    def drawn(self, uniforms: ArrayLike) -> Scenario:
         """Return the scenario of one episode, which no longer varies.
 
         Parameters
         ----------
-        uniforms : sequence of float
+        uniforms : array_like
             A number from [0, 1) for each entry of `randomisation`.
         """
         if not self.randomisation:

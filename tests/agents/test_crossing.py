@@ -153,7 +153,7 @@ def test_scores_agree_with_the_environment():
 @pytest.mark.parametrize(
     ("drawn", "duration", "message"),
     [
-        ([], None, "drawn must not be empty; give at least one crossing"),
+        ([], None, "episodes must not be empty; give at least one"),
         (None, 0.0, "duration must be positive, got 0 s; give a value above 0 s"),
         (None, 1e-3, "duration must hold a control interval, got 0.001 s with dt = 0.005 s; give"),
     ],

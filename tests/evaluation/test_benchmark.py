@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from baselines import catalogue
-from qcar_env.evaluation import benchmark
-from qcar_env.evaluation.benchmark import Row, findings, standings
+from qcar_env.evaluation.bounds import optimum_of
+from qcar_env.evaluation.score import Row, for_track, score
+from qcar_env.evaluation.standings import findings, standings
 from qcar_env.evaluation.tracks import track
 
 SHORT = dataclasses.replace(track("budget"), duration=1.0, periods=3, episodes=3)
@@ -35,14 +36,7 @@ def rows(policy, kind, values, where="budget", scale=0.5):
 
 def test_a_row_holds_the_metrics_of_its_crossing():
     nominal = SHORT.at(0.5)
-    found = benchmark.score(
-        catalogue.make("cnvc", nominal),
-        SHORT,
-        0.5,
-        name="cnvc",
-        kind="published",
-        reads="feedback",
-    )
+    found = score(catalogue.make("cnvc", nominal), SHORT, 0.5, name="cnvc", kind="published")
     assert [row.episode for row in found.rows] == [0, 1, 2]
     a1, a2 = nominal.reference_amplitudes
     for row in found.rows:
@@ -53,16 +47,14 @@ def test_a_row_holds_the_metrics_of_its_crossing():
         assert 0.0 <= row.settling_time <= SHORT.duration
         assert not row.terminated
     assert found.history.x.shape == (len(found.history.t), 4)
-    renamed = benchmark.for_track(found, track("paper"))
+    renamed = for_track(found, track("paper"))
     assert {row.track for row in renamed.rows} == {"paper"}
 
 
 def test_a_policy_that_reads_more_than_is_shown_is_refused():
     blind = dataclasses.replace(SHORT, observe="feedback")
     with pytest.raises(ValueError, match="shows the state alone, policy 'x' reads 'full'"):
-        benchmark.score(
-            catalogue.make("lqr-feedforward"), blind, 1.0, name="x", kind="yours", reads="full"
-        )
+        score(catalogue.make("lqr-feedforward"), blind, 1.0, name="x", kind="yours")
 
 
 def test_standings_are_ranked_and_against_cnvc():
@@ -105,8 +97,8 @@ def test_what_is_found_is_said_whichever_way_it_goes(linear, cubic, said):
 
 
 def test_the_optimum_of_crossings_that_are_alike_knows_the_control_interval():
-    alike = benchmark.optimum_of(SHORT, 0.5)
+    alike = optimum_of(SHORT, 0.5)
     assert len(alike) == 3
     assert alike[0].lower <= alike[0].upper <= alike[0].held * 1.01
     varied = dataclasses.replace(track("randomised"), episodes=2)
-    assert [bound.held for bound in benchmark.optimum_of(varied, 0.5)] == [None, None]
+    assert [bound.held for bound in optimum_of(varied, 0.5)] == [None, None]

@@ -91,7 +91,7 @@ def episode_optimum(
         )
     begin = finite("start", start, "s")
     times: Array = begin + hold / inside * np.arange(holds * inside + 1, dtype=np.float64)
-    kinks = np.array(scenario.road.kinks(times[0], times[-1]))
+    kinks = np.array(scenario.excitation.kinks(times[0], times[-1]))
     number = np.arange(len(times)) / inside
     if kinks.size:  # a kink that falls on a node takes its place
         near = np.min(np.abs(times[:, np.newaxis] - kinks), axis=1) < 1e-9 * hold

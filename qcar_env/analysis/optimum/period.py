@@ -106,10 +106,11 @@ def _unfold(half: Optimum) -> Optimum:
 
 def _common_period(scenario: Scenario) -> tuple[float, bool]:
     """Return the period of road and force together [s], and whether half of it turns their sign."""
-    road, force = scenario.road, scenario.force
-    if road.profile != "harmonic":
+    road, force = scenario.excitation, scenario.force
+    if not road.harmonic:
         raise ValueError(
-            f"a steady motion needs a harmonic road, got {road.profile!r}; use episode_optimum"
+            f"a steady motion needs a harmonic road, got a {type(road.road).__name__}; "
+            "use episode_optimum"
         )
     moving = [w for w, on in ((road.omega, road.h), (force.Omega, force.f)) if on and w > 0.0]
     if not moving:

@@ -26,7 +26,7 @@ from qcar_env.analysis.paper.forced_car import ForcedCar, stack
 from qcar_env.analysis.paper.table1 import PRINTED, PrintedRow
 from qcar_env.control import CNVC, NDF, PPF, Passive
 from qcar_env.control.law import Law
-from qcar_env.physics.car import QuarterCar
+from qcar_env.physics.car import PaperCar
 from qcar_env.validation import entries, finite, non_negative, positive, shown, store
 
 Array = NDArray[np.float64]
@@ -75,7 +75,7 @@ class Candidate:
                 zeta2=self.zeta_ndf if ndf else self.zeta_ppf2,
             )
         shared = {name: getattr(self, name) for name in COEFFICIENTS}
-        car = QuarterCar(omega1=self.omega, omega2=self.omega, **shared)
+        car = PaperCar(omega1=self.omega, omega2=self.omega, **shared)
         return ForcedCar(car=car, h=self.h, f=self.f, omega=self.omega, law=law)
 
 

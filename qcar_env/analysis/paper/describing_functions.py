@@ -8,7 +8,7 @@ a period numerically.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from qcar_env.analysis.paper.forced_car import Gains
 from qcar_env.analysis.paper.hardening import Hardening
 from qcar_env.control.cnvc import CNVC
-from qcar_env.control.law import REST
 from qcar_env.control.lnvc import LNVC
 from qcar_env.control.ndf import NDF
 from qcar_env.control.passive import Passive
 from qcar_env.control.pd import PD
 from qcar_env.control.ppf import PPF
-from qcar_env.physics.state import Filter, State
+from qcar_env.physics.state import State
 from qcar_env.validation import whole
 
 Array = NDArray[np.float64]
@@ -148,10 +147,9 @@ def average_force(
         sampled(1j * omega2 * A2),
     )
     values = gains.values._make(np.asarray(g)[:, None] for g in gains.values)
-    eta = REST
-    if gains.filter_rate is not None:
-        eta = Filter(*(sampled(e) for e in _filter_amplitudes(gains, A1, A2, omega1, omega2)))
-    u1, u2 = gains.command(x, eta, values)
+    memory: Any = gains.law.State
+    eta = memory(*(sampled(e) for e in _filter_amplitudes(gains, A1, A2, omega1, omega2)))
+    u1, u2 = gains.law.command(x, eta, values)
     weight: ComplexArray = (2.0 / samples * np.conj(turn)).astype(np.complex128)
     shape = (*np.broadcast(A1, A2).shape, samples)
     U1: ComplexArray = (np.broadcast_to(u1, shape) @ weight).astype(np.complex128)
@@ -163,29 +161,29 @@ def _filter_amplitudes(
     gains: Gains, A1: ComplexArray, A2: ComplexArray, omega1: Array, omega2: Array
 ) -> list[ComplexArray]:
     """Return the filter's complex amplitudes, from its matrices found with unit vectors."""
-    filter_rate = gains.filter_rate
+    filter_rate, memory = gains.law.filter_rate, cast("Any", gains.law.State)
     if filter_rate is None:
-        raise ValueError("the law has no filter")
-    n = len(A1)
+        return []
+    n, size = len(A1), len(memory._fields)
     values = gains.values._make(np.asarray(g)[:, None] for g in gains.values)
 
     def rates(columns: Array) -> Array:
-        x, eta = State(*columns[:4, None, :]), Filter(*columns[4:, None, :])
+        x, eta = State(*columns[:4, None, :]), memory(*columns[4:, None, :])
         shape = (n, columns.shape[1])
         return np.array([np.broadcast_to(r, shape) for r in filter_rate(x, eta, values)])
 
-    unit = rates(np.eye(8))  # (4, n, 8)
-    probe = np.linspace(-1.0, 2.0, 8)
+    unit = rates(np.eye(4 + size))  # (size, n, 4 + size)
+    probe = np.linspace(-1.0, 2.0, 4 + size)
     if not np.allclose(rates(probe[:, None])[:, :, 0], unit @ probe, rtol=1e-9, atol=1e-9):
         raise ValueError(
             "the law's filter is not linear, so it has no describing function; "
             "use harmonic balance, which takes the filter's states as unknowns"
         )
-    matrix = np.moveaxis(unit, 1, 0)  # (n, 4, 8)
-    eta = np.zeros((n, 4), dtype=np.complex128)
+    matrix = np.moveaxis(unit, 1, 0)  # (n, size, 4 + size)
+    eta = np.zeros((n, size), dtype=np.complex128)
     for columns, omega, A in ((slice(0, 4, 2), omega1, A1), (slice(1, 4, 2), omega2, A2)):
         # each mass drives the filter at its own frequency
-        turning = 1j * omega[:, None, None] * np.eye(4) - matrix[:, :, 4:]
+        turning = 1j * omega[:, None, None] * np.eye(size) - matrix[:, :, 4:]
         into = matrix[:, :, columns] @ np.array([A, 1j * omega * A]).T[:, :, None]
         eta += np.linalg.solve(turning, into)[:, :, 0]
-    return [eta[:, i] for i in range(4)]
+    return [eta[:, i] for i in range(size)]

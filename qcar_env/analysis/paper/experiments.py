@@ -25,8 +25,8 @@ from qcar_env.analysis.paper.parameter_study import Curve, response_curves
 from qcar_env.analysis.simulate import Simulation, simulate, steady_amplitudes
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import Law
-from qcar_env.physics import roads
 from qcar_env.physics.state import State
+from qcar_env.roads.excitation import step as step_road
 from qcar_env.validation import entries, finite, non_negative, positive, whole
 
 Array = NDArray[np.float64]
@@ -134,7 +134,7 @@ def step_hump(
 ) -> dict[str, Simulation]:
     """Simulate the hump ``y = h`` (Fig. 11) from rest, with or without the external force."""
     force = car.force if with_force else dataclasses.replace(car.force, f=0.0)
-    road = roads.step(h=car.h)
+    road = step_road(h=car.h)
     return {
         name: simulate(car.car, road, force, law, duration=duration, step=STEP)
         for name, law in laws.items()

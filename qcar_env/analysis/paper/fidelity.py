@@ -344,7 +344,7 @@ def _worst_case() -> Claim:
 
 
 def _gain(law: Law) -> float:
-    return float(law.gains[0])
+    return float(law.numbers[0])
 
 
 def _row(values: Array, form: str) -> str:

@@ -19,30 +19,29 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.control.law import (
-    Command,
-    ControlledState,
-    FilterRate,
-    Law,
-    check_law,
-    controlled_rate,
-    memoryless_rate,
-)
+from qcar_env.control.law import Law, check_law
 from qcar_env.control.passive import Passive
-from qcar_env.physics.car import UNITS, QuarterCar
-from qcar_env.physics.dynamics import Coefficients, forcing_by
+from qcar_env.parts.part import numbers_class, units
+from qcar_env.physics import tree
+from qcar_env.physics.car import PAPER_FUNCTIONS, REST, PaperCar
+from qcar_env.physics.closed_loop import (
+    ControlledState,
+    LawFunctions,
+    LoopNumbers,
+    loop_functions,
+)
 from qcar_env.physics.external_force import ExternalForce
-from qcar_env.physics.roads import Road, harmonic
-from qcar_env.physics.state import Filter, State
+from qcar_env.physics.motion import Input
+from qcar_env.roads.excitation import Excitation, harmonic
 from qcar_env.scenarios import Scenario
 from qcar_env.validation import finite, finite_array, instance, known, positive, store
 
 Array = NDArray[np.float64]
 
-CAR_PARAMETERS = Coefficients._fields
+CAR_PARAMETERS = tuple(units(PaperCar))
 ALL_FREQUENCIES = "frequencies"  # omega, omega1 and omega2 moved together, detunings kept
 PARAMETER_UNITS = {
-    **{name: UNITS[name] for name in CAR_PARAMETERS},
+    **units(PaperCar),
     "h": "m",
     "f": "m/s^2",
     "omega": "rad/s",
@@ -58,7 +57,7 @@ class ForcedCar:
 
     Parameters
     ----------
-    car : QuarterCar
+    car : PaperCar
         The plant.
     h : float
         Height of the road ``y = h sin(omega t)`` [m].
@@ -75,7 +74,7 @@ class ForcedCar:
         If a value is not finite or out of range, or if the law is known to destabilise the car.
     """
 
-    car: QuarterCar
+    car: PaperCar
     h: float
     f: float
     omega: float
@@ -83,7 +82,7 @@ class ForcedCar:
 
     def __post_init__(self) -> None:
         """Check every argument."""
-        instance("car", self.car, QuarterCar)
+        instance("car", self.car, PaperCar)
         check_law(self.law)
         store(
             self,
@@ -104,7 +103,7 @@ class ForcedCar:
         return self.car.omega2 - self.omega
 
     @property
-    def road(self) -> Road:
+    def road(self) -> Excitation:
         """The road."""
         return harmonic(h=self.h, omega=self.omega)
 
@@ -179,8 +178,7 @@ class ForcedCar:
 
     @property
     def _gains(self) -> tuple[str, ...]:
-        law: Any = self.law
-        return tuple(each.name for each in dataclasses.fields(law)) if _is_dataclass(law) else ()
+        return tuple(each.name for each in dataclasses.fields(self.law))
 
     @property
     def _shared_gains(self) -> tuple[str, ...]:
@@ -194,13 +192,19 @@ def from_scenario(scenario: Scenario, law: Law | None = None) -> ForcedCar:
     Raises
     ------
     ValueError
-        If the road is not harmonic, or the external force has another frequency.
+        If the car is none of the paper's, the road is not harmonic, or the external force has
+        another frequency.
     """
-    road, force = scenario.road, scenario.force
-    if road.profile != "harmonic":
+    road, force, car = scenario.excitation, scenario.force, scenario.car
+    if not isinstance(car, PaperCar):
         raise ValueError(
-            f"frequency response needs a harmonic road, got {road.profile!r} in scenario "
-            f"{scenario.name!r}; choose one with an endless harmonic hump, such as 'paper'"
+            f"the averaged equations are those of a PaperCar, got a {type(car).__name__} in "
+            f"scenario {scenario.name!r}; simulate it instead, or give PaperCar.from_physical"
+        )
+    if not road.harmonic:
+        raise ValueError(
+            f"frequency response needs a harmonic road, got a {type(road.road).__name__} in "
+            f"scenario {scenario.name!r}; choose one with an endless harmonic hump, such as 'paper'"
         )
     if force.f != 0.0 and force.Omega != road.omega:
         raise ValueError(
@@ -208,7 +212,7 @@ def from_scenario(scenario: Scenario, law: Law | None = None) -> ForcedCar:
             f"Omega = {force.Omega:g} rad/s in scenario {scenario.name!r}; simulate it instead"
         )
     return ForcedCar(
-        car=scenario.car,
+        car=car,
         h=road.h,
         f=force.f,
         omega=road.omega,
@@ -219,9 +223,8 @@ def from_scenario(scenario: Scenario, law: Law | None = None) -> ForcedCar:
 class Gains(NamedTuple):
     """The formula of a law with arrays of gains, one entry per car."""
 
-    command: Command
-    filter_rate: FilterRate | None
-    values: Any  # NamedTuple of arrays (n,)
+    law: LawFunctions
+    values: Any  # NamedTuple of arrays (n,), see `qcar_env.control.law.Law.numbers`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,7 +235,7 @@ class ForcedCars:
     `omega`, and `rate`.
     """
 
-    car: Coefficients  # entries (n,)
+    car: Any  # the numbers of a PaperCar, entries (n,)
     h: Array  # (n,) [m]
     f: Array  # (n,) [m/s^2]
     omega: Array  # (n,) [rad/s]
@@ -245,8 +248,8 @@ class ForcedCars:
 
     @property
     def dimension(self) -> int:
-        """Number of states of one car: four, and four more for a law with a filter."""
-        return 4 if self.gains.filter_rate is None else 8
+        """Number of states of one car: four, and those of the law's filter."""
+        return len(tree.flat((REST, self.law.at_rest)))
 
     @property
     def scale(self) -> Array:
@@ -260,7 +263,7 @@ class ForcedCars:
         Parameters
         ----------
         state : ndarray (dimension, n, k)
-            ``x1, x2, v1, v2`` and, with a filter, ``eta1, eta2, eta1', eta2'``.
+            ``x1, x2, v1, v2`` and the law's filter, if it has one: ``eta1, eta2, eta1', eta2'``.
         phase : ndarray (k,) or (n, k)
             ``omega t`` [rad].
 
@@ -268,29 +271,21 @@ class ForcedCars:
         -------
         ndarray (dimension, n, k)
         """
-        car = Coefficients(*(c[:, None] for c in self.car))
+        car = self.car._make(c[:, None] for c in self.car)
         gains = self.gains.values._make(g[:, None] for g in self.gains.values)
         h, f, omega = self.h[:, None], self.f[:, None], self.omega[:, None]
         sine, cosine = np.sin(phase), np.cos(phase)
-        forcing = forcing_by(h * sine, h * omega * cosine, f * cosine, car)
-        plant = State(*state[:4])
-        if self.gains.filter_rate is None:
-            return np.array(memoryless_rate(plant, forcing, self.gains.command, gains, car))
-        both = controlled_rate(
-            ControlledState(plant, Filter(*state[4:])),
-            forcing,
-            self.gains.command,
-            self.gains.filter_rate,
-            gains,
-            car,
-        )
-        return np.array([*both.plant, *both.filter])
+        on_road = PAPER_FUNCTIONS.road_input(h * sine, h * omega * cosine, car)
+        x = tree.unflat(ControlledState(REST, self.law.at_rest), state)
+        loop = loop_functions(PAPER_FUNCTIONS, self.gains.law)
+        found = loop.rate(x, Input(on_road, f * cosine), None, LoopNumbers(car, gains))
+        return np.array(tree.flat(found))
 
     def select(self, index: ArrayLike) -> ForcedCars:
         """Return the cars at `index` (anything that indexes an array, repeats allowed)."""
         pick = np.asarray(index)
         return ForcedCars(
-            car=Coefficients(*(c[pick] for c in self.car)),
+            car=self.car._make(c[pick] for c in self.car),
             h=self.h[pick],
             f=self.f[pick],
             omega=self.omega[pick],
@@ -323,16 +318,17 @@ def stack(cars: Sequence[ForcedCar]) -> ForcedCars:
             "stack each kind by itself"
         )
     law = cars[0].law
-    all_gains = [each.law.gains for each in cars]
+    all_gains = [each.law.numbers for each in cars]
     kind: Any = type(all_gains[0])
     columns = np.array([[float(g) for g in each] for each in all_gains]).T
+    coefficients = np.array([each.car.numbers for each in cars], dtype=float).T
     return ForcedCars(
-        car=Coefficients(*np.array([each.car.coefficients for each in cars], dtype=float).T),
+        car=numbers_class(PaperCar)(*coefficients),
         h=np.array([each.h for each in cars], dtype=float),
         f=np.array([each.f for each in cars], dtype=float),
         omega=np.array([each.omega for each in cars], dtype=float),
         law=law,
-        gains=Gains(law.command, law.filter_rate, kind(*columns)),
+        gains=Gains(law.functions, kind(*columns)),
     )
 
 
@@ -340,10 +336,6 @@ def sweep(car: ForcedCar, name: str, values: ArrayLike) -> Iterator[ForcedCar]:
     """Yield `car` with parameter `name` at each of `values`, array (n,) (see `ForcedCar.vary`)."""
     for value in finite_array(f"values of {name}", values).ravel():
         yield car.vary(name, float(value))
-
-
-def _is_dataclass(law: Any) -> bool:
-    return dataclasses.is_dataclass(law)
 
 
 def _with_gains(law: Any, gains: dict[str, float]) -> Law:

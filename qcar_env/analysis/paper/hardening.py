@@ -11,32 +11,15 @@ a hardening suspension and tyre; with `G` it is CNVC on such a car.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-from qcar_env.control.law import Command, FilterRate
-from qcar_env.physics.car import QuarterCar
-from qcar_env.validation import finite, non_negative, store
-
-
-class HardeningGains(NamedTuple):
-    """Coefficients of `command`."""
-
-    alpha1: Any  # wheel [1/(m^2 s^2)]
-    alpha2: Any  # body [1/(m^2 s^2)]
-    G1: Any  # wheel [s/m^2]
-    G2: Any  # body [s/m^2]
-
-
-def command(x: Any, eta: Any, gains: Any) -> tuple[Any, Any]:
-    """Return ``-(alpha x^3 + G v^3)`` of each mass [m/s^2] (see `qcar_env.control.law.Law`)."""
-    return (
-        -(gains.alpha1 * (x.x1 * x.x1 * x.x1) + gains.G1 * (x.v1 * x.v1 * x.v1)),
-        -(gains.alpha2 * (x.x2 * x.x2 * x.x2) + gains.G2 * (x.v2 * x.v2 * x.v2)),
-    )
+from qcar_env.control.law import Law
+from qcar_env.parts.part import number
+from qcar_env.validation import finite, non_negative
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hardening:
+class Hardening(Law):
     """Cubic stiffness and cubic damping on both masses.
 
     Parameters
@@ -52,38 +35,17 @@ class Hardening:
         If a value is not finite or a gain is negative.
     """
 
-    alpha1: float = 0.0
-    alpha2: float = 0.0
-    G1: float = 0.0
-    G2: float = 0.0
+    alpha1: float = number("", "1/(m^2 s^2)", finite, 0.0)
+    alpha2: float = number("", "1/(m^2 s^2)", finite, 0.0)
+    G1: float = number("gain", "s/m^2", non_negative, 0.0)
+    G2: float = number("gain", "s/m^2", non_negative, 0.0)
+
     name = "hardening"
 
-    def __post_init__(self) -> None:
-        """Check the coefficients."""
-        store(
-            self,
-            alpha1=finite("alpha1", self.alpha1, "1/(m^2 s^2)"),
-            alpha2=finite("alpha2", self.alpha2, "1/(m^2 s^2)"),
-            G1=non_negative("gain G1", self.G1, "s/m^2"),
-            G2=non_negative("gain G2", self.G2, "s/m^2"),
+    @staticmethod
+    def command(x: Any, eta: Any, p: Any) -> tuple[Any, Any]:
+        """Return ``-(alpha x^3 + G v^3)`` of each mass [m/s^2]."""
+        return (
+            -(p.alpha1 * (x.x1 * x.x1 * x.x1) + p.G1 * (x.v1 * x.v1 * x.v1)),
+            -(p.alpha2 * (x.x2 * x.x2 * x.x2) + p.G2 * (x.v2 * x.v2 * x.v2)),
         )
-
-    @property
-    def gains(self) -> HardeningGains:
-        """The coefficients as plain floats."""
-        return HardeningGains(
-            float(self.alpha1), float(self.alpha2), float(self.G1), float(self.G2)
-        )
-
-    @property
-    def command(self) -> Command:
-        """The law's formula."""
-        return command
-
-    @property
-    def filter_rate(self) -> FilterRate | None:
-        """None: a spring has no memory."""
-        return None
-
-    def check(self, car: QuarterCar) -> None:
-        """Accept every car: the rest position's stiffness is not changed."""

@@ -119,5 +119,7 @@ def table1(
 
 
 def _amplitudes(scenario: Scenario, law: Law, duration: float) -> tuple[float, float]:
-    found = steady_amplitudes(scenario.car, scenario.road, scenario.force, law, duration=duration)
+    found = steady_amplitudes(
+        scenario.car, scenario.excitation, scenario.force, law, duration=duration
+    )
     return float(found.x1), float(found.x2)
