@@ -40,10 +40,10 @@ from qcar_env.physics import tree
 LANES = 64  # cars in a block: its rows fit the first-level cache of 32 KB
 INLINE = {"forceinline": True}  # without it loops over cars are not vectorised
 
-# numba names a compiled function after its source and a number, counted from 1 in each process, and
-# the linker takes two of one name for the same. Functions of two cars, compiled by two processes and
-# loaded by a third from the cache on disk, would be one: the first. Counting from elsewhere in each
-# process keeps them apart (tests/engine/test_compile.py).
+# numba names a compiled function after its source and a number, counted from 1 in each process; the
+# linker takes two of one name for the same. Functions of two cars, compiled by two processes and
+# loaded by a third from the cache on disk, would all be the first car's. Counting from elsewhere in
+# each process keeps them apart (tests/engine/test_compile.py).
 FunctionIdentity._unique_ids = itertools.count(secrets.randbits(62))
 
 
