@@ -94,7 +94,7 @@ class Crossings:
         )
         self.cars = Cars(laws * len(drawn), plan)
         self._shape = (laws, len(drawn), -1)
-        self._uniforms = np.zeros((len(drawn), plan.source.count))
+        self._uniforms = np.zeros((len(drawn), plan.source.uniforms))
         for row, each in zip(self._uniforms, drawn, strict=True):
             row[: len(each.uniforms)] = each.uniforms
         self.start = np.array([(*each.state, each.phase) for each in drawn])

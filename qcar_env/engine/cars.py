@@ -45,7 +45,7 @@ class Source(NamedTuple):
     row: Array  # (k,) a `qcar_env.engine.starts.Nominal`
     draws: Array  # (d, e) distributions, see `qcar_env.engine.starts.drawn`
     targets: Array  # (t, 3) what they change, see `qcar_env.engine.starts.vary`
-    count: int  # uniform numbers that an episode takes
+    uniforms: int  # how many uniform numbers an episode takes
     table: Array  # (e,) of the road
 
 
@@ -132,7 +132,7 @@ class Cars:
         self._chosen = np.zeros(self.n, COUNT)  # which source a car draws its next episode from
         self._drawn_from = np.zeros(self.n, COUNT)  # and which it drew the running one from
         self._gather()
-        self.uniforms = np.zeros((self.n, plan.source.count))  # what episodes were drawn from
+        self.uniforms = np.zeros((self.n, plan.source.uniforms))  # what episodes were drawn from
         self._pool: ThreadPoolExecutor | None = None
         self._busy = False
         self._compile(kernels)
@@ -199,7 +199,7 @@ class Cars:
         self._tables = np.concatenate([each.table for each in sources])
         ends = np.cumsum([len(each.targets) for each in sources])
         first = ends - [len(each.targets) for each in sources]
-        counts = [each.count for each in sources]
+        counts = [each.uniforms for each in sources]
         self._counts = np.stack([counts, first, ends], axis=1).astype(COUNT)
         last = np.cumsum([len(each.table) for each in sources])
         begin = last - [len(each.table) for each in sources]
@@ -227,7 +227,7 @@ class Cars:
                 self._chosen[cars] = len(self._sources)
                 self._sources.append(source)
         self._forget()
-        most = max(each.count for each in self._sources)
+        most = max(each.uniforms for each in self._sources)
         if most > self.uniforms.shape[1]:
             self.uniforms = np.pad(self.uniforms, ((0, 0), (0, most - self.uniforms.shape[1])))
 
@@ -264,7 +264,7 @@ class Cars:
         seen : ndarray (n, size) of float32
             Their observations are written here.
         uniforms : ndarray (k, count), optional
-            Numbers from [0, 1) that the episodes are drawn from, `Source.count` of them for each
+            Numbers from [0, 1) that the episodes are drawn from, `Source.uniforms` of them for each
             car; from the cars' random streams if left out.
         """
         dt, n = self._settings
@@ -582,7 +582,7 @@ class Car:
         Parameters
         ----------
         uniforms : ndarray (count,)
-            Numbers from [0, 1) that it is drawn from, `Source.count` of them.
+            Numbers from [0, 1) that it is drawn from, `Source.uniforms` of them.
         given : ndarray (5,)
             State and phase where they are not drawn, else not a number.
         """
@@ -630,7 +630,7 @@ _ONE = (  # what a step takes; an action may lie in memory in any way
 
 
 def _equal(a: Source, b: Source) -> bool:
-    return a.count == b.count and all(
+    return a.uniforms == b.uniforms and all(
         np.array_equal(c, d)
         for c, d in ((a.row, b.row), (a.draws, b.draws), (a.targets, b.targets), (a.table, b.table))
     )

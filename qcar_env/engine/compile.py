@@ -13,7 +13,7 @@ No fast-math: a car gets the same bits alone and among others, and as in plain P
 can be asked for with fused multiply-adds (`kernel(fused=True)`).
 """
 
-# pyright: basic
+# pyright: basic, reportArgumentType=false, reportAttributeAccessIssue=false
 # numba has no types for what it compiles.
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ def kernel(function: Any = None, *, fused: bool = False, nogil: bool = True) -> 
     Parameters
     ----------
     fused : bool
-        Whether the processor may multiply and add in one operation, rounding once: faster, and equal
-        to plain Python to rounding only.
+        Whether the processor may multiply and add in one operation, rounding once: faster, and
+        equal to plain Python to rounding only.
     nogil : bool
         Whether it lets go of the interpreter's lock, which takes longer than a step of one car.
     """
@@ -170,7 +170,7 @@ def _made(source: str, names: dict[str, Any]) -> Any:
 
 
 def _entrywise(kind: Any, leaf: Callable[[str], str]) -> tuple[str, dict[str, Any]]:
-    """Return an expression that makes a tuple of type `kind` of ``leaf("[i][j]")``, and its names."""
+    """Return an expression that makes a tuple like `kind` of ``leaf("[i][j]")``, and its names."""
     names: dict[str, Any] = {}
 
     def build(part: Any, index: str) -> str:

@@ -1,8 +1,8 @@
 """Cars whose actions are held over control intervals: the compiled steps of the environments.
 
 An interval has three passes over a block of cars: actions to commands, Runge-Kutta steps, and what
-is read at their end. A car that meets a kink of its road within the interval is then integrated once
-more by itself, cut at the kink; a car whose episode is over starts the next one.
+is read at their end. A car that meets a kink of its road within the interval is then integrated
+once more by itself, cut at the kink; a car whose episode is over starts the next one.
 """
 
 # pyright: basic

@@ -11,7 +11,7 @@ to the one it does to the other, and it feeds in the power ``F travel_rate``.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from qcar_env.parts.part import UNLIMITED, Nothing, Part, clamp, most, number
 from qcar_env.validation import entries, non_negative, positive, shown
@@ -43,6 +43,13 @@ class Actuator(Part):
     """
 
     delay: float = number("delay of the command", "s", non_negative, 0.0)
+
+    if TYPE_CHECKING:  # a field of some subclasses, a property of others
+
+        @property
+        def limit(self) -> tuple[float, ...]:
+            """Force that action 1 asks for, or the largest damping, shape (m,)."""
+            ...
 
     size = 1  # number of actions m
     unit = "N"  # of the forces
