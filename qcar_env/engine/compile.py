@@ -135,7 +135,7 @@ def source_stamp(*functions: Callable[..., Any]) -> str:
 def _modules(function: Any) -> list[str]:
     """Return the modules of a function and of the functions that it closes over."""
     found = [function.__module__]
-    for cell in function.__closure__ or ():
+    for cell in getattr(function, "__closure__", None) or ():
         if isinstance(cell.cell_contents, FunctionType):
             found += _modules(cell.cell_contents)
     return found
