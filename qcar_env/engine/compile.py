@@ -19,7 +19,9 @@ can be asked for with fused multiply-adds (`kernel(fused=True)`).
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
+import secrets
 import sys
 from collections.abc import Callable
 from types import FunctionType, ModuleType
@@ -29,6 +31,7 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
+from numba.core.bytecode import FunctionIdentity
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic, overload, register_jitable
 
@@ -36,6 +39,12 @@ from qcar_env.physics import tree
 
 LANES = 64  # cars in a block: its rows fit the first-level cache of 32 KB
 INLINE = {"forceinline": True}  # without it loops over cars are not vectorised
+
+# numba names a compiled function after its source and a number, counted from 1 in each process; the
+# linker takes two of one name for the same. Functions of two cars, compiled by two processes and
+# loaded by a third from the cache on disk, would all be the first car's. Counting from elsewhere in
+# each process keeps them apart (tests/engine/test_compile.py).
+FunctionIdentity._unique_ids = itertools.count(secrets.randbits(62))
 
 
 def compiled(function: Any) -> Any:
