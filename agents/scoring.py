@@ -15,16 +15,15 @@ from numpy.typing import NDArray
 
 from agents.recipes import Recipe
 from qcar_env.control import CNVC, LNVC
-from qcar_env.envs import task
 from qcar_env.evaluation import bounds
-from qcar_env.evaluation.batch_rollouts import batch_rollout, steady_amplitudes
 from qcar_env.evaluation.policy import Policy
+from qcar_env.evaluation.rollouts import rollouts
 from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
+from qcar_env.physics.state import State
 from qcar_env.scenarios import Scenario
 from qcar_env.validation import known, positive
 
 Array = NDArray[np.float64]
-PERIODS = 20  # over which amplitudes are taken
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,15 +65,17 @@ def run(
     Raises
     ------
     ValueError
-        See `qcar_env.evaluation.batch_rollouts.batch_rollout`.
+        See `qcar_env.evaluation.rollouts.rollouts`.
     """
     length = track.duration if duration is None else positive("duration", duration, "s")
-    found = batch_rollout(
+    found = rollouts(
         policy, drawn, duration=length, observe=track.observe, observe_limit=observe_limit
     )
-    slowest = min(each.scenario.road.omega for each in drawn)
-    held = int(length * slowest / (2.0 * math.pi))
-    peak = steady_amplitudes(found, max(1, min(PERIODS, held)))
+    periods = track.periods
+    if periods is not None:  # a live evaluation may be too short for all of them
+        slowest = min(each.scenario.excitation.omega for each in drawn)
+        periods = max(1, min(periods, int(length * slowest / (2.0 * math.pi))))
+    peak = np.array([found[j].amplitudes(periods) for j in range(len(found))])
     own = np.array([each.scenario.reference_amplitudes for each in drawn])
     return Score(amplitudes=peak, relative=peak / own)
 
@@ -133,11 +134,10 @@ class VelocityPolicy:
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the law's force over its limit, clipped."""
-        scales = task.scales(self.scenario)
-        seen = np.asarray(observation, dtype=np.float64)
-        v = seen[:, 2:4] / np.array([scales.v1, scales.v2])
-        gains = np.array(self.law.gains[:2])
-        force = -gains * (v * v * v if isinstance(self.law, CNVC) else v)
+        scales = self.scenario.reference.scales
+        seen = np.asarray(observation, dtype=np.float64)[:, :4].T
+        x = State(*(z * scales[name] for z, name in zip(seen, State._fields, strict=True)))
+        force = np.stack(self.law.command(x, None, self.law.numbers), axis=1)
         limits = self.force_scale * np.array(self.scenario.actuator.limit)
         return np.clip(force / limits, -1.0, 1.0).astype(np.float32), None
 

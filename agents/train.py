@@ -30,7 +30,7 @@ from agents.export import export_checked
 from agents.recipes import Recipe, as_dict
 from agents.scoring import score_all
 from agents.trainer import ActorPolicy, Trainer
-from qcar_env.envs import task
+from qcar_env.envs.episode import observed
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.agent import Agent
 from qcar_env.evaluation.tracks import episodes
@@ -158,7 +158,7 @@ def train(
     run.clock.stop()
     run.evaluate()
     run.checkpoint()
-    size = task.observation_size(recipe.track.observe, recipe.observe_limit)
+    size = len(observed(recipe.track.observe, recipe.observe_limit))
     export_checked(trainer.actor(), size, folder / "policy.onnx")
     found = score_all(Agent(folder), recipe, "validation")
     result = Result(
@@ -261,7 +261,7 @@ class _Run:
         if self.history and self.history[-1].steps == self.trainer.steps:
             return
         policy = ActorPolicy(self.trainer.actor())
-        varies = recipe.track.nominal.randomisation is not None
+        varies = bool(recipe.track.nominal.randomisation)
         found = [
             scoring.run(
                 policy,

@@ -9,20 +9,20 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from qcar_env.control import LAWS
 from qcar_env.control.lqr import Weights
 from qcar_env.control.skyhook import Groundhook, Hybrid, Skyhook
-from qcar_env.envs import task
 from qcar_env.evaluation.entry import Entry
 from qcar_env.evaluation.policy import Policy
 from qcar_env.evaluation.tracks import TRACKS, Track
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 from qcar_env.validation import finite, known, positive
 
+from .actuation import check_two
 from .internal_model_policy import InternalModelPolicy
 from .law_policy import LawPolicy
 from .linear_policy import LinearPolicy, lqr_feedforward_policy, lqr_policy
@@ -80,12 +80,13 @@ def mpc(scenario: Scenario) -> MPCPolicy:
 
 def state(scenario: Scenario, **gains: float) -> LinearPolicy:
     """Saturated linear feedback of the whole state: eight gains, scaled units."""
-    policy = LinearPolicy(_matrix(MATRIX_GAINS[:8], gains).reshape(2, 4), "state feedback")
-    return policy
+    check_two(scenario, "state feedback", "lqr")
+    return LinearPolicy(_matrix(MATRIX_GAINS[:8], gains).reshape(2, 4), "state feedback")
 
 
 def linear(scenario: Scenario, **gains: float) -> LinearPolicy:
     """Saturated linear feedback of state, road and external force: sixteen gains, scaled units."""
+    check_two(scenario, "linear feedback", "lqr")
     found = _matrix(MATRIX_GAINS, gains)
     return LinearPolicy(
         np.hstack([found[:8].reshape(2, 4), found[8:].reshape(2, 4)]), "linear, full information"
@@ -97,7 +98,7 @@ class Design(NamedTuple):
 
     make: Callable[..., Any]
     title: str
-    reads: task.Observe
+    reads: Literal["full", "feedback"]
     needs: str  # beside its gains: what it reads at each sample, and what it was designed on
 
 
@@ -316,7 +317,7 @@ def entries(names: Sequence[str] | None = None) -> tuple[Entry, ...]:
 def _make_published(
     name: str, gains: Mapping[str, float], scenario: Scenario, track: Track | None, scale: float
 ) -> Policy | None:
-    if name in PLANNED and track is not None and scenario.randomisation is not None:
+    if name in PLANNED and track is not None and scenario.randomisation:
         return None
     return make(name, scenario, **gains)
 

@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.force_limit is not None:
             actuator = dataclasses.replace(base.actuator, limit=tuple(arguments.force_limit))
             base = dataclasses.replace(base, actuator=actuator)
-        length = STEADY if base.road.profile == "harmonic" else base.duration
+        length = STEADY if base.excitation.harmonic else base.duration
         if arguments.duration is not None:
             length = positive("duration", arguments.duration, "s")
         storage.check_folder(out)

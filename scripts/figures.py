@@ -16,8 +16,8 @@ import matplotlib
 
 matplotlib.use("Agg")
 
-from qcar_env.analysis.forced_car import from_scenario
-from qcar_env.analysis.table1 import table1
+from qcar_env.analysis.paper.forced_car import from_scenario
+from qcar_env.analysis.paper.table1 import table1
 from qcar_env.evaluation import storage
 from qcar_env.plots.paper import FIGURES, Subject
 from qcar_env.plots.style import journal, save

@@ -17,9 +17,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from qcar_env.engine.closed_loop import cores
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.throughput.result import measure, table
-from qcar_env.physics import engine
 from qcar_env.validation import whole
 
 NUM_ENVS = (1, 64, 1024, 16384, 262144)
@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--num-envs", type=int, nargs="+", default=list(NUM_ENVS), help="batch sizes"
     )
-    parser.add_argument("--threads", type=int, default=engine.cores(), help="threads to compare")
+    parser.add_argument("--threads", type=int, default=cores(), help="threads to compare")
     parser.add_argument("--out", type=Path, default=Path("results/throughput"), help="folder")
     arguments = parser.parse_args(argv)
     try:

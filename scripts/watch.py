@@ -61,7 +61,7 @@ def film_of(arguments: argparse.Namespace) -> Film:
         mine = name not in there and Path(name).is_dir()
         entries.append(entry_of(name) if mine else there[known("policy", name, there)])
     scenario = find_scenario(arguments.scenario)
-    harmonic = scenario.road.profile == "harmonic"
+    harmonic = scenario.excitation.harmonic
     width, height = arguments.size
     return Film(
         entries=tuple(entries),

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.engine.compile import LANES, aligned
+from qcar_env.engine.held_law import driver
 from qcar_env.engine.layout import columns
 from qcar_env.engine.random import streams
 from qcar_env.engine.stepping import (
@@ -25,6 +26,7 @@ from qcar_env.engine.stepping import (
     Kernels,
     compose,
 )
+from qcar_env.physics import tree
 from qcar_env.validation import whole
 
 Array = NDArray[np.float64]
@@ -33,6 +35,7 @@ BOOL, COUNT = np.dtype(np.bool_), np.dtype(np.int64)
 
 CARS_A_THREAD = 16384  # at least: handing fewer over to another thread costs what it saves
 DISABLED, NEXT_STEP, SAME_STEP = range(3)  # what becomes of a car whose episode is over
+MOVING = ("_slabs", "_clocks", "_fixed", "_of_block", "_streams", "uniforms")
 NOTHING_GIVEN = np.full((1, 5), np.nan)
 
 
@@ -42,7 +45,7 @@ class Source(NamedTuple):
     row: Array  # (k,) a `qcar_env.engine.starts.Nominal`
     draws: Array  # (d, e) distributions, see `qcar_env.engine.starts.drawn`
     targets: Array  # (t, 3) what they change, see `qcar_env.engine.starts.vary`
-    count: int  # uniform numbers that an episode takes
+    uniforms: int  # how many uniform numbers an episode takes
     table: Array  # (e,) of the road
 
 
@@ -94,18 +97,29 @@ class Cars:
         Whether the cars' numbers have single precision.
     threads : int
         Threads that share the cars at most, see `CARS_A_THREAD`.
+    exact : bool
+        Whether an interval is one exact map, see `qcar_env.engine.linear_cars.LinearCars`.
     """
 
-    def __init__(self, n: int, plan: Plan, *, single: bool = False, threads: int = 1) -> None:
+    def __init__(
+        self,
+        n: int,
+        plan: Plan,
+        *,
+        single: bool = False,
+        threads: int = 1,
+        exact: bool = False,
+    ) -> None:
         self.n = whole("num_envs", n)
         self.plan = plan
-        self._single = single
+        self._single, self._exact = single, exact
         self._blocks = -(-self.n // LANES)
         self._workers = max(1, min(whole("threads", threads), self.n // CARS_A_THREAD))
-        kernels = compose(plan.composition, single)
+        kernels = compose(plan.composition, single, exact)
+        self._settings = (plan.dt, 1 if exact else plan.substeps)
         real = np.float32 if single else np.float64
         lanes = self._lanes = LANES
-        rows = kernels.scratch + (2 * plan.substeps + 1) * kernels.stages
+        rows = kernels.scratch + (2 * self._settings[1] + 1) * kernels.stages
         self._slabs = aligned((self._blocks, kernels.moving.size * lanes), real)
         self._clocks = aligned((self._blocks, kernels.clock.size * lanes))
         self._fixed = aligned((1, kernels.fixed.size * lanes), real)
@@ -118,7 +132,7 @@ class Cars:
         self._chosen = np.zeros(self.n, COUNT)  # which source a car draws its next episode from
         self._drawn_from = np.zeros(self.n, COUNT)  # and which it drew the running one from
         self._gather()
-        self.uniforms = np.zeros((self.n, plan.source.count))  # what episodes were drawn from
+        self.uniforms = np.zeros((self.n, plan.source.uniforms))  # what episodes were drawn from
         self._pool: ThreadPoolExecutor | None = None
         self._busy = False
         self._compile(kernels)
@@ -129,8 +143,7 @@ class Cars:
         self.size, self.actions = len(composition.observed), composition.actuator.size  # pyright: ignore[reportAttributeAccessIssue]
         self._terms = len(composition.terms)
         self._shape = (self.n, self.actions)
-        dt, n = self.plan.dt, self.plan.substeps
-        self._settings = (dt, n)
+        dt, n = self._settings
         cars = self._moving()
         outputs = self._outputs()
         examples = (*cars, self._scratch, 0, 0, 1, np.empty(self._shape, SHOWN), dt, n, *outputs)
@@ -150,7 +163,7 @@ class Cars:
             copy[...] = state[name]
             setattr(self, name, copy)
         self._pool, self._busy = None, False
-        self._compile(compose(self.plan.composition, self._single))
+        self._compile(compose(self.plan.composition, self._single, self._exact))
 
     def _moving(self) -> tuple[Any, ...]:
         return (
@@ -186,7 +199,7 @@ class Cars:
         self._tables = np.concatenate([each.table for each in sources])
         ends = np.cumsum([len(each.targets) for each in sources])
         first = ends - [len(each.targets) for each in sources]
-        counts = [each.count for each in sources]
+        counts = [each.uniforms for each in sources]
         self._counts = np.stack([counts, first, ends], axis=1).astype(COUNT)
         last = np.cumsum([len(each.table) for each in sources])
         begin = last - [len(each.table) for each in sources]
@@ -214,7 +227,7 @@ class Cars:
                 self._chosen[cars] = len(self._sources)
                 self._sources.append(source)
         self._forget()
-        most = max(each.count for each in self._sources)
+        most = max(each.uniforms for each in self._sources)
         if most > self.uniforms.shape[1]:
             self.uniforms = np.pad(self.uniforms, ((0, 0), (0, most - self.uniforms.shape[1])))
 
@@ -251,7 +264,7 @@ class Cars:
         seen : ndarray (n, size) of float32
             Their observations are written here.
         uniforms : ndarray (k, count), optional
-            Numbers from [0, 1) that the episodes are drawn from, `Source.count` of them for each
+            Numbers from [0, 1) that the episodes are drawn from, `Source.uniforms` of them for each
             car; from the cars' random streams if left out.
         """
         dt, n = self._settings
@@ -343,7 +356,8 @@ class Cars:
             if code == NOT_FINITE:
                 self._refuse(actions)
             if code == FINE:
-                return Interval(*outputs, None, None)
+                seen, rewards, force, ends = outputs
+                return Interval(seen, rewards, force, ends, None, None)
             return self._turn_over(outputs, mode)
         finally:
             self._busy = False
@@ -393,7 +407,74 @@ class Cars:
             "[-1, 1]. No car has moved"
         )
 
-    # What can be looked at ---------------------------------------------------------------------
+    def drive(
+        self,
+        act: Any,
+        gains: Array,
+        seen: NDArray[np.float32],
+        *,
+        intervals: int,
+        window: int,
+        shared: tuple[Any, ...] = (),
+    ) -> Array:
+        """Let laws drive for many control intervals, in compiled code, through ends of episodes.
+
+        Parameters
+        ----------
+        act : callable
+            A law, see `qcar_env.engine.held_law`.
+        gains : ndarray (k, ...)
+            Of k laws; the first drives the first n / k cars, and so on.
+        seen : ndarray (n, size) of float32
+            What the cars' policies see now; in the end, what they see then.
+        intervals, window : int
+            How many control intervals, and how many at their end amplitudes are taken over.
+        shared : tuple
+            What the laws have in common.
+
+        Returns
+        -------
+        ndarray (n, 2)
+            Largest |x1|, |x2| [m] at the ends of the intervals in the window; infinite for a car
+            whose state or action is no finite number.
+
+        Raises
+        ------
+        ValueError
+            If the cars cannot be shared out among the laws.
+        """
+        laws = len(gains)
+        if not laws or self.n % laws:
+            raise ValueError(
+                f"laws must drive equally many of {self.n} cars, got {laws} laws; give a divisor"
+            )
+        peak = np.zeros((self.n, 2))
+        driver(self.kernels.step.py_func, act)(
+            *(*self._moving(), self._scratch, *self._settings, *self._outputs()[1:]),
+            *(seen, np.zeros(self._shape, SHOWN), gains, self.n // laws, shared),
+            *(intervals, window, self.kernels.moving.row("state"), peak),
+        )
+        return np.where(np.isnan(peak), np.inf, peak)
+
+    # What can be looked at and kept ------------------------------------------------------------
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return all that moves: enough for a fleet with the same sources to go on from."""
+        return {name: getattr(self, name).copy() for name in MOVING}
+
+    def restore(self, kept: dict[str, NDArray[Any]]) -> None:
+        """Go on from a snapshot."""
+        for name in MOVING:
+            getattr(self, name)[...] = kept[name]
+
+    def entries(self, name: str) -> Any:
+        """Return the cars' `state`, `phasors` or `fixed`: a named tuple of arrays (n,)."""
+        kernels = self.kernels
+        own = name == "fixed"
+        layout = kernels.fixed if own else kernels.moving
+        slabs = self._fixed[self._of_block[:, 0]] if own else self._slabs
+        like = layout.trees[name]
+        return tree.unflat(like, columns(slabs, layout.row(name), len(tree.flat(like)), self.n))
 
     @property
     def states(self) -> Array:
@@ -502,7 +583,7 @@ class Car:
         Parameters
         ----------
         uniforms : ndarray (count,)
-            Numbers from [0, 1) that it is drawn from, `Source.count` of them.
+            Numbers from [0, 1) that it is drawn from, `Source.uniforms` of them.
         given : ndarray (5,)
             State and phase where they are not drawn, else not a number.
         """
@@ -550,7 +631,7 @@ _ONE = (  # what a step takes; an action may lie in memory in any way
 
 
 def _equal(a: Source, b: Source) -> bool:
-    return a.count == b.count and all(
+    return a.uniforms == b.uniforms and all(
         np.array_equal(c, d)
         for c, d in ((a.row, b.row), (a.draws, b.draws), (a.targets, b.targets), (a.table, b.table))
     )

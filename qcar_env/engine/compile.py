@@ -13,7 +13,7 @@ No fast-math: a car gets the same bits alone and among others, and as in plain P
 can be asked for with fused multiply-adds (`kernel(fused=True)`).
 """
 
-# pyright: basic
+# pyright: basic, reportArgumentType=false, reportAttributeAccessIssue=false
 # numba has no types for what it compiles.
 
 from __future__ import annotations
@@ -76,8 +76,8 @@ def kernel(function: Any = None, *, fused: bool = False, nogil: bool = True) -> 
     Parameters
     ----------
     fused : bool
-        Whether the processor may multiply and add in one operation, rounding once: faster, and equal
-        to plain Python to rounding only.
+        Whether the processor may multiply and add in one operation, rounding once: faster, and
+        equal to plain Python to rounding only.
     nogil : bool
         Whether it lets go of the interpreter's lock, which takes longer than a step of one car.
     """
@@ -98,9 +98,10 @@ def source_stamp(*functions: Callable[..., Any]) -> str:
     numba's cache on disk looks at the file that holds a kernel and at nothing else: it would go on
     using the machine code of a law that has been edited since. Kernels close over this stamp, so
     that it becomes part of the cache's key. The files are those of the modules of `functions` and
-    of whatever modules of the same packages they refer to, and so on.
+    of whatever modules of the same packages they refer to, and so on; likewise those of the
+    functions that they close over, such as a car's over its parts'.
     """
-    todo = [function.__module__ for function in functions] + [__name__]
+    todo = [module for function in functions for module in _modules(function)] + [__name__]
     found: set[str] = set()
     while todo:
         name = todo.pop()
@@ -120,6 +121,15 @@ def source_stamp(*functions: Callable[..., Any]) -> str:
             with open(path, "rb") as file:
                 stamp.update(file.read())
     return stamp.hexdigest()
+
+
+def _modules(function: Any) -> list[str]:
+    """Return the modules of a function and of the functions that it closes over."""
+    found = [function.__module__]
+    for cell in getattr(function, "__closure__", None) or ():
+        if isinstance(cell.cell_contents, FunctionType):
+            found += _modules(cell.cell_contents)
+    return found
 
 
 def together(functions: tuple[Any, ...], *, each_its_own: bool = False) -> Any:
@@ -151,7 +161,7 @@ def _made(source: str, names: dict[str, Any]) -> Any:
 
 
 def _entrywise(kind: Any, leaf: Callable[[str], str]) -> tuple[str, dict[str, Any]]:
-    """Return an expression that makes a tuple of type `kind` of ``leaf("[i][j]")``, and its names."""
+    """Return an expression that makes a tuple like `kind` of ``leaf("[i][j]")``, and its names."""
     names: dict[str, Any] = {}
 
     def build(part: Any, index: str) -> str:
@@ -300,6 +310,57 @@ def _align_stack(typingctx: Any) -> Any:
 align_stack: Any = intrinsic(_align_stack)
 
 
+def holds(z: Any, row: int, stride: int, lane: int, values: Any) -> bool:
+    """Return whether `save` of the same would change nothing."""
+    flat = tree.flat(values)
+    rows = np.asarray(z).reshape(-1, stride)[row : row + len(flat), lane]
+    return bool(np.all(rows == np.array(flat).astype(rows.dtype)))
+
+
+@overload(holds, jit_options=INLINE, strict=False)
+def _holds(z: Any, row: Any, stride: Any, lane: Any, values: Any) -> Any:
+    places: list[str] = []
+    _entrywise(values, lambda i: places.append(i) or "")
+    each = (f"(z[(row + {k}) * stride + lane] == real(values{i}))" for k, i in enumerate(places))
+    names = {"real": np.float32 if z.dtype == types.float32 else np.float64}
+    return _implementation("z, row, stride, lane, values", " & ".join(each) or "True", names)
+
+
+def weighted(z: Any, row: int, stride: int, lane: int, values: Any, like: Any) -> Any:
+    """Return a matrix times a vector, as a tuple of the kind of `like`.
+
+    Parameters
+    ----------
+    z, row, stride, lane
+        Where the matrix lies, row by row (see `load`).
+    values : tuple
+        The vector: a tuple of numbers or of tuples.
+    like : tuple
+        Has as many numbers as the matrix has rows.
+    """
+    vector = np.array(tree.flat(values))
+    size = len(tree.flat(like)) * len(vector)
+    matrix = np.asarray(z).reshape(-1, stride)[row : row + size, lane].reshape(-1, len(vector))
+    return tree.unflat(like, (matrix @ vector).tolist())
+
+
+@overload(weighted, jit_options=INLINE, strict=False)
+def _weighted(z: Any, row: Any, stride: Any, lane: Any, values: Any, like: Any) -> Any:
+    places: list[str] = []
+    _entrywise(values, lambda i: places.append(i) or "")
+    rows = iter(range(10**6))
+
+    def entry(_: str) -> str:
+        first = next(rows) * len(places)
+        terms = (
+            f"z[(row + {first + k}) * stride + lane] * values{i}" for k, i in enumerate(places)
+        )
+        return " + ".join(terms)
+
+    body, names = _entrywise(like, entry)
+    return _implementation("z, row, stride, lane, values, like", body, names)
+
+
 def aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
     """Return zeros that begin on a boundary of 64 bytes: a vector then lies in one cache line."""
     kind = np.dtype(dtype)
@@ -321,5 +382,5 @@ def compiles(function: Any, *examples: Any) -> str:
 # What compiled code has in another form, above.
 _REGISTERED: set[Any] = {
     *(tree.advance, tree.add, tree.combine, tree.times, tree.bounded),
-    *(load, load_wide, save, negative_sum, outcome),
+    *(load, load_wide, save, holds, weighted, negative_sum, outcome),
 }

@@ -1,8 +1,8 @@
 """A road under a driving car, for compiled fleets: what it does to the car, as a function of time.
 
-Two kinds. A **turning** road has pieces ``y = h s``, ``y' = h omega c`` with a phasor ``(s, c)`` that
-turns at the rate omega, or rests: the sine, half-sine humps and their trains, the step. Any other is
-**read**: height and slope at the distance ``speed t``, at every stage time.
+Two kinds. A **turning** road has pieces ``y = h s``, ``y' = h omega c`` with a phasor ``(s, c)``
+that turns at the rate omega, or rests: the sine, half-sine humps and their trains, the step. Any
+other is **read**: height and slope at the distance ``speed t``, at every stage time.
 
 At a kink a piece ends: the slope jumps, or the height. No step crosses one.
 """
@@ -78,9 +78,9 @@ class Course(NamedTuple):
 
 
 def kink_time(index: Any, road: Any) -> Any:
-    """Return when kink `index` (0, 1, 2, ...) of a turning road happens [s]; infinite past the last.
+    """Return when kink `index` (0, 1, 2, ...) of a turning road happens [s].
 
-    Even kinks begin a hump, odd ones end it.
+    Even kinks begin a hump, odd ones end it; past the last one it is infinite.
     """
     hump = index // 2
     time = road.start + hump * road.pitch + (index - hump - hump) * road.length

@@ -1,8 +1,8 @@
 """Cars whose actions are held over control intervals: the compiled steps of the environments.
 
 An interval has three passes over a block of cars: actions to commands, Runge-Kutta steps, and what
-is read at their end. A car that meets a kink of its road within the interval is then integrated once
-more by itself, cut at the kink; a car whose episode is over starts the next one.
+is read at their end. A car that meets a kink of its road within the interval is then integrated
+once more by itself, cut at the kink; a car whose episode is over starts the next one.
 """
 
 # pyright: basic
@@ -21,6 +21,7 @@ from qcar_env.engine.compile import (
     LANES,
     compiled,
     compiled_apart,
+    holds,
     kernel,
     load,
     load_wide,
@@ -31,6 +32,7 @@ from qcar_env.engine.compile import (
     together,
 )
 from qcar_env.engine.course import Pieces, RoadFunctions, course
+from qcar_env.engine.exact import exact as exact_of
 from qcar_env.engine.layout import Layout
 from qcar_env.engine.random import uniform
 from qcar_env.engine.starts import (
@@ -117,13 +119,14 @@ class Kernels:
     begin: Any
     show: Any
     ending: Any
+    entries: Any  # entries(x, phasors, command, fixed) of the observation on a turning road
     step_one: Any
     reset_one: Any
     own: Own  # where things lie in the array of a car by itself
 
 
 @cache
-def compose(what: Composition, single: bool) -> Kernels:
+def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
     """Compile the steps of a composition.
 
     Parameters
@@ -132,6 +135,9 @@ def compose(what: Composition, single: bool) -> Kernels:
         The composition.
     single : bool
         Whether slabs have single precision.
+    exact : bool
+        Whether an interval is one exact map of a linear plant on a turning road, instead of
+        Runge-Kutta steps; there must be one step in an interval then.
     """
     real = np.float32 if single else np.float64
     car, kind, like = what.car, what.actuator, what.like
@@ -172,7 +178,9 @@ def compose(what: Composition, single: bool) -> Kernels:
     )
     moving = Layout(state=STATE, phasors=PHASORS, before=BEFORE, held=COMMAND)
     clocks = Layout(clock=CLOCK)
-    fixed_rows = Layout(fixed=FIXED)
+    mapped = exact_of(plant.rate, STATE, COMMAND) if exact else None
+    fixed_rows = Layout(fixed=FIXED, map=(0.0,) * mapped.size if mapped else ())
+    MAP = fixed_rows.row("map")
     passed = Layout(
         command=COMMAND,
         entries=ENTRIES,
@@ -204,6 +212,7 @@ def compose(what: Composition, single: bool) -> Kernels:
         *(each for each in (what.road.pieces, what.road.height) if each is not None),
         *(each.reading for each in what.observed),
         *(term.cost for term in what.terms),
+        exact_of,
     )
 
     if m == 2:
@@ -217,6 +226,21 @@ def compose(what: Composition, single: bool) -> Kernels:
         @compiled
         def forces_of(now: Any) -> Any:
             return (now.u2,)
+
+    if mapped:
+        steps_of, keep_map, apply_map = mapped.steps, mapped.keep, mapped.apply
+
+        @compiled
+        def save_fixed(p: Any, stride: Any, j: Any, fixed: Any, step: Any) -> None:
+            if not holds(p, 0, stride, j, fixed):  # cars that are alike share a map
+                keep_map(p, MAP, stride, j, fixed, step)
+            save(p, 0, stride, j, fixed)
+
+    else:
+
+        @compiled
+        def save_fixed(p: Any, stride: Any, j: Any, fixed: Any, step: Any) -> None:
+            save(p, 0, stride, j, fixed)
 
     @compiled
     def typed(step: Any) -> Any:
@@ -250,6 +274,10 @@ def compose(what: Composition, single: bool) -> Kernels:
             kink += 1
         y, y_dot, input = reading(t, kink, w, fixed, table)
         return moment(x, w, command, fixed, y, y_dot, input)
+
+    def entries_of(x: Any, w: Any, command: Any, fixed: Any) -> Any:
+        y, y_dot, input = reading(0.0, 0, w, fixed, NO_TABLE)
+        return times(read(moment(x, w, command, fixed, y, y_dot, input), fixed), fixed.scales)
 
     @compiled
     def entry(value: Any) -> Any:
@@ -357,7 +385,7 @@ def compose(what: Composition, single: bool) -> Kernels:
             kink += 1
         next = next_kink(kink, made, numbers.speed, table)
         w = Phasors(phasor_at(start, kink, made), angle(force.Omega * start))
-        save(p, 0, stride, j, fixed)
+        save_fixed(p, stride, j, fixed, step)
         save(z, X, stride, j, x)
         save(z, W, stride, j, w)
         save(clock, 0, stride, j, Clock(0.0, one.steps, 0.0, start, phase, float(kink), next))
@@ -619,6 +647,35 @@ def compose(what: Composition, single: bool) -> Kernels:
             for j in range(lanes):
                 inspect_one(z, clock, p, s, j, dt, table_of(tables, bounds, j))
 
+    elif mapped:
+
+        @compiled
+        def advance_block(
+            z: Any,
+            clock: Any,
+            p: Any,
+            s: Any,
+            lanes: Any,
+            n: Any,
+            dt: Any,
+            tables: Any,
+            bounds: Any,
+        ) -> None:
+            """Advance all cars of a block over an interval without a kink."""
+            for j in range(lanes):
+                x, w = apply_map(
+                    p,
+                    MAP,
+                    LANES,
+                    j,
+                    load(z, X, LANES, j, STATE),
+                    load(z, W, LANES, j, PHASORS),
+                    load(s, C, LANES, j, COMMAND),
+                    load(p, 0, LANES, j, FIXED).turning,
+                )
+                save(z, X, LANES, j, x)
+                save(z, W, LANES, j, w)
+
     else:
 
         @compiled
@@ -664,6 +721,8 @@ def compose(what: Composition, single: bool) -> Kernels:
                     save(z, X, LANES, j, x)
                     save(z, W, LANES, j, w)
 
+    if what.road.pieces is not None:
+
         @compiled
         def inspect(
             z: Any, clock: Any, p: Any, s: Any, lanes: Any, dt: Any, tables: Any, bounds: Any
@@ -677,6 +736,7 @@ def compose(what: Composition, single: bool) -> Kernels:
                 noted(moment(x, w, c, fixed, y, y_dot, input), s, z, clock, j, fixed)
 
     @kernel
+    @compiled_apart  # for kernels of many intervals, see `qcar_env.engine.held_law`
     def step(
         slabs: Any,
         clocks: Any,
@@ -842,6 +902,7 @@ def compose(what: Composition, single: bool) -> Kernels:
         begin=begin,
         show=show,
         ending=ending,
+        entries=entries_of,
         step_one=step_one,
         reset_one=reset_one,
         own=Own(clock=OWN_CLOCK, dt=DT, table=TABLE),

@@ -264,7 +264,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if self._car.plan is not self._plan:
             self._car.take(self._plan)
         super().reset(seed=seed)  # nothing is drawn before every option is known to be good
-        self._uniforms = self.np_random.random(self._plan.source.count)
+        self._uniforms = self.np_random.random(self._plan.source.uniforms)
         observation = self._car.begin(self._uniforms, np.array(given))
         self._drawn_from, self._started = self._base, True
         if self._human:

@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from qcar_env.engine import cars as batch
+from qcar_env.engine.linear_cars import LinearCars, check_linear
 from qcar_env.engine.random import streams
 from qcar_env.engine.stepping import OBSERVATION_LIMIT
 from qcar_env.envs import episode as task
@@ -56,9 +57,9 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         episode then departs from the exact one by about 1e-4 of the amplitudes.
     method : {"rk4", "exact"}
         How an interval is integrated: with Runge-Kutta steps, or with the exact map of the linear
-        plant, which is the fastest. It needs a harmonic road, and parameters that all cars share:
-        neither randomisation nor reset options `scenario` and `force_scale`. The two differ by the
-        error of the Runge-Kutta steps, 1e-5 of the amplitudes with four of them.
+        plant, which is the fastest. It needs a linear car and actuator, and a road made of sines:
+        an endless one, humps, a step. The two differ by the error of the Runge-Kutta steps, 1e-5
+        of the paper's amplitudes with four of them.
     threads : int
         Threads that share the cars, at most: each gets 16384 of them or more, as handing fewer over
         costs what it saves. They change no bit.
@@ -112,10 +113,11 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         known("method", method, METHODS)
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
+        self._linear = method == "exact"
         steps = task.most_steps(max_episode_steps)
         self._settings = task.Settings(observe, bool(observe_limit), reward, duration, steps)
         drawn = self._drawn(find_scenario(scenario), task.force_scale(force_scale))
-        fleet = batch.Cars if method == "rk4" else LinearCars
+        fleet = LinearCars if self._linear else batch.Cars
         self._cars = fleet(num_envs, drawn.plan, single=precision == "single", threads=threads)
         self.num_envs = self._cars.n
         self._given = [drawn] * self.num_envs
@@ -128,7 +130,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self._shape = (self.num_envs, self._cars.actions)
         self._mode = MODES[self.autoreset_mode]
         names = [each.name for each in drawn.plan.terms]
-        self._terms = (*(f"reward_{name}" for name in names), "reward_travel")
+        self.terms = (*(f"reward_{name}" for name in names), "reward_travel")
         self._started = False
         self._later = False  # whether cars may draw from something else than what they run on
         self._every = np.ones(self.num_envs, batch.BOOL)  # the mask of what all cars have
@@ -263,16 +265,20 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         ResetNeeded
             Before the first reset.
         """
-        if not self._started:
-            raise gym.error.ResetNeeded("no episode yet; call reset before step")
-        done = self._cars.step(self._checked(actions), self._mode)
+        done = self.advance(actions)
         every = self._every
         info: dict[str, Any] = {"force": done.force, "_force": every}
-        for i, name in enumerate(self._terms):
+        for i, name in enumerate(self.terms):
             info[name], info[f"_{name}"] = done.rewards[1 + i], every
         if done.begun is not None:
             self._add_begun(info, done)
         return done.seen, done.rewards[0], done.ends[0], done.ends[1], info
+
+    def advance(self, actions: NDArray[np.float32]) -> batch.Interval:
+        """Do what `step` does, and return what the engine does."""
+        if not self._started:
+            raise gym.error.ResetNeeded("no episode yet; call reset before step")
+        return self._cars.step(self._checked(actions), self._mode)
 
     def _checked(self, actions: Any) -> NDArray[np.float32]:
         """Return actions as an array of the kind that the engine takes."""
@@ -358,11 +364,11 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         info["phase"] = np.where(again, self._cars.phases, 0.0)
         info["_phase"] = again
         others = ~again
-        for name in self._terms:
+        for name in self.terms:
             info[f"_{name}"] = others
         if done.finals is not None:
             last: dict[str, Any] = {}
-            for name in ("force", *self._terms):
+            for name in ("force", *self.terms):
                 last[name] = np.zeros_like(info[name])
                 last[name][cars] = info[name][cars]
                 last[f"_{name}"] = again
@@ -374,7 +380,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             info |= {"final_obs": final, "_final_obs": again}
             info |= {"final_info": last, "_final_info": again}
         if len(cars) == self.num_envs:
-            for name in self._terms:
+            for name in self.terms:
                 del info[name], info[f"_{name}"]
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
@@ -438,6 +444,15 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         """
         self._cars.stagger(elapsed)
 
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return all that moves, to go on from."""
+        return self._cars.snapshot()
+
+    def restore(self, kept: dict[str, NDArray[Any]]) -> None:
+        """Go on from a snapshot of an environment made and assigned alike."""
+        self._cars.restore(kept)
+        self._started = True
+
     def assign(self, chosen: Sequence[int] | NDArray[np.intp], **options: Any) -> None:
         """Let cars draw their next episodes from another `scenario` or with another `force_scale`.
 
@@ -483,6 +498,8 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
                     f"scenario {own.name!r} has another control interval, other substeps, parts or "
                     "actuators than this environment's; make a new environment for it"
                 )
+            if self._linear:
+                check_linear(plan.scenario)
         return Drawn(own, scale, plan)
 
     def _take(self, drawn: dict[int, Drawn]) -> None:

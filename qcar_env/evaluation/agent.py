@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.envs.task import Observe
+from qcar_env.envs.episode import Observe
 from qcar_env.evaluation.onnx_policy import OnnxPolicy
 
 

@@ -11,11 +11,13 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import cached_property
 
+from qcar_env.envs.episode import observed
 from qcar_env.evaluation.bounds import Bound, optimum_of
 from qcar_env.evaluation.entry import Entry, may_enter, shown_to
 from qcar_env.evaluation.score import History, Row, Scores, for_track, score
 from qcar_env.evaluation.standings import Standing, standings
 from qcar_env.evaluation.tracks import Track
+from qcar_env.physics.signals import Signal
 from qcar_env.validation import whole
 
 SLOWEST = ("mpc",)  # started first, so that no core waits for them at the end
@@ -158,7 +160,7 @@ def _enter(entry: Entry, tracks: Sequence[Track], seed: int | None) -> _Part:
     """Run one entry over its tracks; every error stays with its own track and limit."""
     scores: dict[Unit, Scores] = {}
     failures: list[Failure] = []
-    done: dict[tuple[Track, float, str, bool], Scores] = {}
+    done: dict[tuple[Track, float, tuple[Signal, ...]], Scores] = {}
     for track, scale in _units(tracks):
         if entry.reads is not None and not may_enter(entry.reads, track):
             continue
@@ -169,7 +171,7 @@ def _enter(entry: Entry, tracks: Sequence[Track], seed: int | None) -> _Part:
             reads, limit = shown_to(policy, track.observe)
             if not may_enter(reads, track):
                 continue
-            key = (_alike(track), scale, reads, limit)
+            key = (_alike(track), scale, observed(reads, limit))
             if key not in done:  # tracks that show the same episodes are run once
                 done[key] = score(policy, track, scale, name=entry.name, kind=entry.kind, seed=seed)
             scores[(track.name, scale)] = for_track(done[key], track)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-from qcar_env.analysis.optimum import period_optimum
-from qcar_env.evaluation.tracks import Split, Track, episodes
+from qcar_env.analysis.optimum import episode_optimum, period_optimum
+from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
+from qcar_env.parts.part import Nothing
 from qcar_env.scenarios import Scenario
 
 OPTIMUM_SAMPLES = 64  # forces in a period of the linear program
@@ -43,8 +44,29 @@ def optimum_of(
 ) -> tuple[Bound, ...]:
     """Return the optimum of every episode of a set, in its order (arguments: `score`).
 
-    Where the episodes are all alike, that of held forces comes with it.
+    Where the episodes are all alike, that of held forces comes with it. On a road that is not
+    harmonic it is that of the whole episode, of forces held over the control interval and at the
+    instants that policies see. Of a plant that is not linear none is known: the result is empty.
     """
+    if not linear_plant(track.nominal):
+        return ()
     batch = episodes(track, split, force_scale=force_scale, seed=seed)
-    same = track.nominal.randomisation is None
+    if track.periods is None:
+        return tuple(map(_of_episode, batch))
+    same = not track.nominal.randomisation
     return tuple(optimum(each.scenario, held=same) for each in batch)
+
+
+def linear_plant(scenario: Scenario) -> bool:
+    """Return whether a scenario's optimum is a linear program: car and actuator are linear."""
+    actuator = scenario.actuator
+    at_once = actuator.State is Nothing and not actuator.delay
+    return scenario.car.linear and actuator.linear and at_once
+
+
+def _of_episode(episode: Episode) -> Bound:
+    start = 0.0
+    if episode.scenario.excitation.harmonic:
+        start = episode.phase / episode.scenario.excitation.omega
+    found = episode_optimum(episode.scenario, state=episode.state, start=start)
+    return Bound(lower=found.bound, upper=found.upper)

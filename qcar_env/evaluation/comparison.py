@@ -1,6 +1,6 @@
 """Compare policies in one scenario at one force limit, in true steady state.
 
-On a harmonic road the paper's Table 1 and the optimum stand beside them.
+Of a linear car on a harmonic road the paper's Table 1 and the optimum stand beside them.
 """
 
 from __future__ import annotations
@@ -14,43 +14,18 @@ from typing import Any
 import numpy as np
 
 from qcar_env.analysis.optimum import Optimum, period_optimum
-from qcar_env.analysis.table1 import Cell, table1
+from qcar_env.analysis.paper.table1 import Cell, table1
 from qcar_env.control.law import Law
-from qcar_env.evaluation import metrics, storage, tables
+from qcar_env.evaluation import storage, tables
+from qcar_env.evaluation.bounds import linear_plant
 from qcar_env.evaluation.entry import Entry, shown_to
+from qcar_env.evaluation.outcome import Outcome, outcome
 from qcar_env.evaluation.rollouts import Rollout, rollout
 from qcar_env.scenarios import Scenario
+from qcar_env.scenarios.files import as_record
 
+PERIODS = 5  # at the end of an episode on a harmonic road, over which amplitudes are taken
 START = "at rest, phase 0; nothing is drawn, so there is no seed"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Outcome:
-    """What a policy did: the paper's metrics and the field's."""
-
-    policy: str
-    amplitudes: tuple[float, float]  # largest |x1|, |x2| over the last periods [m]
-    uncontrolled: tuple[float, float]  # the same without control [m]
-    peak_force: tuple[float, ...]  # over the last periods [m/s^2] or [N]
-    rms_force: tuple[float, ...]  # over the last periods [m/s^2] or [N]
-    terminated: bool  # whether a displacement left its limit before the end
-
-    @property
-    def percentage_errors(self) -> tuple[float, float]:
-        """The paper's percentage errors of x1 and x2 [%]."""
-        (a1, a2), (b1, b2) = self.uncontrolled, self.amplitudes
-        return metrics.percentage_error(a1, b1), metrics.percentage_error(a2, b2)
-
-    @property
-    def reductions(self) -> tuple[float, float]:
-        """Reductions of x1 and x2 [dB]."""
-        (a1, a2), (b1, b2) = self.uncontrolled, self.amplitudes
-        return metrics.reduction_db(a1, b1), metrics.reduction_db(a2, b2)
-
-    @property
-    def rho(self) -> float:
-        """The larger of the two relative amplitudes, ``max_i(a_i / A_i)`` [-]."""
-        return max(b / a for a, b in zip(self.uncontrolled, self.amplitudes, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,8 +38,8 @@ class Comparison:
     rollouts: Mapping[str, Rollout]  # by policy
     laws: Mapping[str, Law]  # by policy, of those that are laws
     learned: tuple[str, ...] = ()  # which policies are
-    table1: tuple[Cell, ...] = ()  # the paper's, in continuous time; empty off a harmonic road
-    optimum: Optimum | None = None  # None off a harmonic road
+    table1: tuple[Cell, ...] = ()  # the paper's, in continuous time; see `linear_plant`
+    optimum: Optimum | None = None  # likewise
 
 
 def compare(
@@ -92,11 +67,12 @@ def compare(
     ValueError
         If a policy cannot be made, or the episode is too short to have become steady.
     """
-    harmonic = scenario.road.profile == "harmonic"
+    harmonic = scenario.excitation.harmonic
     made = [(each, each.make(scenario, None, 1.0)) for each in entries]
     entered = [(each, policy) for each, policy in made if not shown_to(policy, "full")[1]]
+    steady = harmonic and linear_plant(scenario)
     cells: tuple[Cell, ...] = ()
-    if harmonic:
+    if steady:
         say("Table 1: simulating in continuous time (the first time, compiling: half a minute)")
         cells = table1(scenario, duration=duration)
     rollouts: dict[str, Rollout] = {}
@@ -108,49 +84,16 @@ def compare(
         scenario=scenario,
         duration=duration,
         outcomes=tuple(
-            outcome(name, each, scenario.reference_amplitudes) for name, each in rollouts.items()
+            outcome(
+                name, each, scenario.reference_amplitudes, periods=PERIODS if harmonic else None
+            )
+            for name, each in rollouts.items()
         ),
         rollouts=rollouts,
         learned=tuple(each.name for each, _ in entered if each.kind == "learned"),
         laws={each.name: policy.law for each, policy in entered if hasattr(policy, "law")},
         table1=cells,
-        optimum=period_optimum(scenario) if harmonic else None,
-    )
-
-
-def outcome(policy: str, rollout: Rollout, uncontrolled: tuple[float, float]) -> Outcome:
-    """Evaluate the end of a rollout.
-
-    Parameters
-    ----------
-    policy : str
-        The policy's name.
-    rollout : Rollout
-        Long enough to have become steady.
-    uncontrolled : tuple of float
-        Amplitudes of x1 and x2 without control [m].
-
-    Returns
-    -------
-    Outcome
-        Over the last five periods on a harmonic road, over the whole episode elsewhere, where a
-        there is no steady state.
-    """
-    if rollout.scenario.road.profile == "harmonic" and not rollout.terminated:
-        window = metrics.last_periods(rollout.t, rollout.scenario.reference_frequency)
-    else:
-        window = slice(None)
-    force = rollout.force[window]
-    return Outcome(
-        policy=policy,
-        amplitudes=(
-            float(np.max(np.abs(rollout.x1[window]))),
-            float(np.max(np.abs(rollout.x2[window]))),
-        ),
-        uncontrolled=uncontrolled,
-        peak_force=tuple(float(value) for value in np.max(np.abs(force), axis=0)),
-        rms_force=tuple(metrics.rms(column) for column in force.T),
-        terminated=rollout.terminated,
+        optimum=period_optimum(scenario) if steady else None,
     )
 
 
@@ -176,7 +119,7 @@ def write(folder: Path, comparison: Comparison, gains: Mapping[str, Mapping[str,
     result: dict[str, Any] = {
         "command": storage.command(),
         "versions": storage.versions(),
-        "scenario": dataclasses.asdict(comparison.scenario),
+        "scenario": as_record(comparison.scenario),
         "duration_s": comparison.duration,
         "start": START,
         "gains": gains,

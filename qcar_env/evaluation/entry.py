@@ -14,12 +14,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
-from qcar_env.envs import task
+from qcar_env.envs import episode as task
 from qcar_env.evaluation.agent import Agent
 from qcar_env.evaluation.onnx_policy import OnnxPolicy
 from qcar_env.evaluation.tracks import Track
 from qcar_env.scenarios import Scenario
-from qcar_env.validation import known
 
 Kind = Literal["published", "tuned", "learned", "yours"]
 Maker = Callable[[Scenario, Track | None, float], Any]
@@ -42,7 +41,7 @@ class Entry:
         limit, or None where it does not enter. `track` is None outside the tracks, where every
         policy enters that can be made; `force_scale` is the force limit over the scenario's
         own [-]. Of a module, so that it can be pickled.
-    reads : {"full", "feedback"}, optional
+    reads : {"full", "feedback"} or sequence of str, optional
         What it is shown; None where only the policy itself can say.
     needs : str
         All that it knows, what it was designed on included, in words.
@@ -62,10 +61,9 @@ def may_enter(reads: task.Observe, track: Track) -> bool:
     Raises
     ------
     ValueError
-        If `reads` is neither ``"full"`` nor ``"feedback"``.
+        If `reads` is neither ``"full"``, ``"feedback"`` nor names of signals.
     """
-    known("reads", reads, task.OBSERVE)
-    return reads == "feedback" or track.observe == "full"
+    return set(task.observed(reads)) <= set(task.observed(track.observe))
 
 
 def shown_to(policy: Any, most: task.Observe) -> tuple[task.Observe, bool]:

@@ -15,11 +15,15 @@ from qcar_env.evaluation.benchmark import Outcome
 from qcar_env.evaluation.standings import findings
 from qcar_env.evaluation.statistics import iqm
 from qcar_env.evaluation.tracks import Track
+from qcar_env.scenarios.files import as_record
 
 HEADER = (
     *("#", "policy", "gains", "reads", "rho", "95 % interval", "over the optimum"),
     "P(< CNVC)",
 )
+
+
+_ENDS = ("lower", "upper")
 
 
 def summary(outcome: Outcome) -> list[str]:
@@ -44,7 +48,7 @@ def leaderboard(outcome: Outcome) -> str:
         lines += [
             "",
             f"{each.episodes} held-out crossings of {each.duration:g} s at each limit, amplitudes "
-            f"over the last {each.periods} periods; policies may read: "
+            f"over {_measured(each)}; policies may read: "
             + ("the state alone." if each.observe == "feedback" else "state, road and force."),
         ]
         for scale in each.force_scales:
@@ -71,7 +75,7 @@ def write(folder: Path, outcome: Outcome) -> list[str]:
         "command": storage.command(),
         "versions": storage.versions(),
         "seed": outcome.seed,
-        "tracks": [dataclasses.asdict(each) for each in outcome.tracks],
+        "tracks": [as_record(each) for each in outcome.tracks],
         "findings": list(findings(outcome.standings)),
         "standings": [dataclasses.asdict(each) for each in outcome.standings],
         "optimum": [
@@ -89,11 +93,17 @@ def write(folder: Path, outcome: Outcome) -> list[str]:
     return names
 
 
+def _measured(track: Track) -> str:
+    return "the whole crossing" if track.periods is None else f"the last {track.periods} periods"
+
+
 def _table(outcome: Outcome, where: Track, scale: float) -> list[str]:
     here = [s for s in outcome.standings if (s.track, s.force_scale) == (where.name, scale)]
     bound = outcome.bounds[(where.name, scale)]
-    low, high = (_rho(float(iqm([getattr(b, end) for b in bound]))) for end in ("lower", "upper"))
-    rows = [["", "*optimum*", "", "everything", low, f"up to {high} reached", "", ""]]
+    rows: list[list[str]] = []
+    if bound:
+        low, high = (_rho(float(iqm([getattr(b, end) for b in bound]))) for end in _ENDS)
+        rows.append(["", "*optimum*", "", "everything", low, f"up to {high} reached", "", ""])
     held = [each.held for each in bound if each.held is not None]
     if held:
         rate = f"*optimum at {1.0 / where.nominal.dt:g} Hz*"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.envs import task
+from qcar_env.envs import episode as task
 
 
 class OnnxPolicy:
@@ -56,7 +56,7 @@ class OnnxPolicy:
             ) from error
         self._input = self._session.get_inputs()[0]
         sizes: dict[int, tuple[task.Observe, bool]] = {
-            task.observation_size(observe, limit): (observe, limit)
+            len(task.observed(observe, limit)): (observe, limit)
             for observe in task.OBSERVE
             for limit in (False, True)
         }

@@ -9,21 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from qcar_env.envs.episode import Observe, observed
 from qcar_env.evaluation import metrics
-from qcar_env.evaluation.batch_rollouts import (
-    BatchRollout,
-    batch_rollout,
-    steady_amplitudes,
-    window_steps,
-)
 from qcar_env.evaluation.entry import may_enter, shown_to
+from qcar_env.evaluation.outcome import outcome
 from qcar_env.evaluation.policy import Policy
-from qcar_env.evaluation.tracks import Split, Track, episodes
+from qcar_env.evaluation.rollouts import Rollout, rollouts
+from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
 
 Array = NDArray[np.float64]
 
 SHOWN_PERIODS = 6  # periods at the end of the first episode that are kept for the figures
-FACTORS = ("height", "force", "frequency", "load", "wheel_mass")  # that a draw multiplies
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,24 +28,20 @@ class Row:
 
     policy: str
     kind: str  # published, tuned, learned, yours, or optimum
-    reads: str  # full or feedback
+    reads: str  # full, feedback, or names of signals
     track: str
     version: int
     force_scale: float  # [-]
     episode: int
-    height: float  # factors of the draw [-]
-    force: float
-    frequency: float
-    load: float
-    wheel_mass: float
+    drawn: str  # what was drawn, each by the first number of the scenario that it changes
     rho: float  # max_i(a_i / A_i) [-]
-    x1: float  # steady amplitudes [m]
+    x1: float  # largest displacements of the rows that the track measures [m]
     x2: float
     percentage_error_x1: float  # the paper's [%]
     percentage_error_x2: float
     reduction_db_x1: float  # [dB]
     reduction_db_x2: float
-    peak_force_1: float  # over the last periods [m/s^2] or [N]
+    peak_force_1: float  # of the same rows [m/s^2] or [N]
     peak_force_2: float
     rms_force_1: float
     rms_force_2: float
@@ -59,7 +51,7 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class History:
-    """The last periods of a policy's first episode."""
+    """The last periods of a policy's first episode; all of it on a road without."""
 
     t: Array  # (k,) [s]
     x: Array  # (k, 4) [m, m, m/s, m/s]
@@ -108,7 +100,7 @@ def score(
     Raises
     ------
     ValueError
-        If the policy reads more than the track shows, or acts wrongly (see `batch_rollout`).
+        If the policy reads more than the track shows, or acts wrongly (see `rollouts`).
     """
     reads, observe_limit = shown_to(policy, track.observe)
     if not may_enter(reads, track):
@@ -117,19 +109,23 @@ def score(
             "enter it in another track"
         )
     batch = episodes(track, split, force_scale=force_scale, seed=seed)
-    rollout = batch_rollout(
-        policy, batch, duration=track.duration, observe=reads, observe_limit=observe_limit
+    rolled = rollouts(policy, batch, observe=reads, observe_limit=observe_limit)
+    names = {"policy": name, "kind": kind, "reads": _word(reads), "force_scale": force_scale}
+    rows = tuple(
+        _row(rolled[j], each, track, {**names, "episode": j}) for j, each in enumerate(batch)
     )
-    amplitudes = steady_amplitudes(rollout, track.periods)
-    names = {"policy": name, "kind": kind, "reads": reads, "force_scale": force_scale}
-    rows = tuple(_row(rollout, j, amplitudes[j], track, names) for j in range(len(batch)))
-    shown = window_steps(batch[0], SHOWN_PERIODS)
+    end = slice(None)
+    if track.periods is not None:
+        omega = batch[0].scenario.excitation.omega
+        end = metrics.last_periods(rolled.t, omega, min(SHOWN_PERIODS, track.periods))
     return Scores(
         rows=rows,
-        history=History(
-            t=rollout.t[-shown:], x=rollout.x[-shown:, 0], force=rollout.force[-shown:, 0]
-        ),
+        history=History(t=rolled.t[end], x=rolled.x[end, 0], force=rolled.force[end, 0]),
     )
+
+
+def _word(reads: Observe) -> str:
+    return reads if isinstance(reads, str) else " ".join(each.name for each in observed(reads))
 
 
 def for_track(scores: Scores, track: Track) -> Scores:
@@ -140,38 +136,29 @@ def for_track(scores: Scores, track: Track) -> Scores:
     return dataclasses.replace(scores, rows=rows)
 
 
-def _row(
-    rollout: BatchRollout, j: int, amplitudes: Array, track: Track, names: dict[str, Any]
-) -> Row:
-    episode = rollout.episodes[j]
-    factors: dict[str, Any] = {key: float(getattr(episode.factors, key)) for key in FACTORS}
-    x1, x2 = (float(value) for value in amplitudes)
-    a1, a2 = episode.scenario.reference_amplitudes
-    window = window_steps(episode, track.periods)
-    force = rollout.force[-window:, j]
-    peaks = np.abs(force).max(axis=0)
-    rms = np.sqrt(np.mean(force * force, axis=0))
-    omega = episode.scenario.reference_frequency
-    x = rollout.x[:, j]
+def _row(rollout: Rollout, episode: Episode, track: Track, names: dict[str, Any]) -> Row:
+    found = outcome(names["policy"], rollout, periods=track.periods)
+    a1, a2 = found.uncontrolled
+    omega = rollout.scenario.reference_frequency
     envelope = np.maximum(
-        np.hypot(x[:, 0], x[:, 2] / omega) / a1, np.hypot(x[:, 1], x[:, 3] / omega) / a2
+        np.hypot(rollout.x1, rollout.v1 / omega) / a1, np.hypot(rollout.x2, rollout.v2 / omega) / a2
     )
     return Row(
-        **(names | factors),
+        **names,
         track=track.name,
         version=track.version,
-        episode=j,
-        rho=max(x1 / a1, x2 / a2),
-        x1=x1,
-        x2=x2,
-        percentage_error_x1=metrics.percentage_error(a1, x1),
-        percentage_error_x2=metrics.percentage_error(a2, x2),
-        reduction_db_x1=metrics.reduction_db(a1, x1),
-        reduction_db_x2=metrics.reduction_db(a2, x2),
-        peak_force_1=float(peaks[0]),
-        peak_force_2=float(peaks[-1]),
-        rms_force_1=float(rms[0]),
-        rms_force_2=float(rms[-1]),
+        drawn="; ".join(f"{path} {value!r}" for path, value in episode.drawn.items()),
+        rho=found.rho,
+        x1=found.amplitudes[0],
+        x2=found.amplitudes[1],
+        percentage_error_x1=found.percentage_errors[0],
+        percentage_error_x2=found.percentage_errors[1],
+        reduction_db_x1=found.reductions[0],
+        reduction_db_x2=found.reductions[1],
+        peak_force_1=found.peak_force[0],
+        peak_force_2=found.peak_force[-1],
+        rms_force_1=found.rms_force[0],
+        rms_force_2=found.rms_force[-1],
         settling_time=metrics.settling_time(rollout.t, envelope),
-        terminated=bool(rollout.terminated[j]),
+        terminated=found.terminated,
     )

@@ -23,7 +23,7 @@ class Standing:
     track: str
     force_scale: float
     rho: Interval  # interquartile mean over the episodes [-]
-    optimum: float  # the same of the lower bounds [-]
+    optimum: float  # the same of the lower bounds [-]; not a number where none is known
     improvement: Interval | None  # probability of a lower rho than the reference's [-]
     terminated: int  # episodes that left the travel limits
 
@@ -73,7 +73,7 @@ def standings(
                     track=key[0],
                     force_scale=key[1],
                     rho=bootstrap([values], iqm, rng),
-                    optimum=float(iqm(bounds[key])),
+                    optimum=float(iqm(bounds[key])) if bounds[key] else float("nan"),
                     improvement=versus if name != reference else None,
                     terminated=sum(row.terminated for row in each),
                 )
@@ -137,6 +137,8 @@ def _versus(linear: Standing, cubic: Standing) -> str:
 
 def _distance(standing: Standing) -> str:
     value = f"rho {standing.rho.value:.4f}"
+    if np.isnan(standing.optimum):
+        return f"{value}, where no optimum is known"
     if standing.optimum <= 1e-4:
         return f"{value}, where the optimum is stillness"
     return f"{value}, {100.0 * (standing.over_optimum - 1.0):.1f} % above the optimum"

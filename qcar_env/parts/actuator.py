@@ -11,7 +11,7 @@ to the one it does to the other, and it feeds in the power ``F travel_rate``.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from qcar_env.parts.part import UNLIMITED, Nothing, Part, clamp, most, number
 from qcar_env.validation import entries, non_negative, positive, shown
@@ -43,6 +43,13 @@ class Actuator(Part):
     """
 
     delay: float = number("delay of the command", "s", non_negative, 0.0)
+
+    if TYPE_CHECKING:  # a field of some subclasses, a property of others
+
+        @property
+        def limit(self) -> tuple[float, ...]:
+            """Force that action 1 asks for, or the largest damping, shape (m,)."""
+            ...
 
     size = 1  # number of actions m
     unit = "N"  # of the forces
@@ -103,7 +110,7 @@ class IndependentActuators(Actuator):
     car has such actuators; they are the paper's.
     """
 
-    limit: tuple[float, ...] = number("force", "m/s^2", _limits(2))
+    limit: tuple[float, ...] = number("force", "m/s^2", _limits(2))  # pyright: ignore[reportIncompatibleMethodOverride]
 
     size = 2
     unit = "m/s^2"
@@ -137,7 +144,7 @@ class SuspensionActuator(Actuator):
     (`LaggedSuspensionActuator`).
     """
 
-    limit: tuple[float, ...] = number("force", "N", _limits(1))
+    limit: tuple[float, ...] = number("force", "N", _limits(1))  # pyright: ignore[reportIncompatibleMethodOverride]
 
     linear = True
 
@@ -188,7 +195,7 @@ class LaggedSuspensionActuator(Actuator):
     must stay below 2.7 lags. Not validated: heat, inertia of the gear, leakage, pressure.
     """
 
-    limit: tuple[float, ...] = number("force", "N", _limits(1))
+    limit: tuple[float, ...] = number("force", "N", _limits(1))  # pyright: ignore[reportIncompatibleMethodOverride]
     lag: float = number("time constant", "s", positive)
     rate_limit: float = number("", "N/s", positive, UNLIMITED)
     power: float = number("largest", "W", positive, UNLIMITED)

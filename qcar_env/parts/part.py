@@ -57,7 +57,9 @@ def number(title: str, unit: str, check: Check, default: Any = MISSING) -> Any:
 class Part:
     """Base of everything that has numbers; checks them where they enter."""
 
-    Numbers: ClassVar[Any] = None  # NamedTuple class of the numbers, made when they are first asked for
+    Numbers: ClassVar[Any] = (
+        None  # NamedTuple class of the numbers, made when they are first asked for
+    )
 
     def __post_init__(self) -> None:
         """Check every number."""

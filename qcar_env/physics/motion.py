@@ -1,9 +1,9 @@
 """Motion over a time without a kink: Runge-Kutta steps of a plant while the road passes under it.
 
 A road reaches the plant in one of two ways. One whose pieces are sines turns a phasor: what a step
-needs of it, at its ends and in its middle, is a weighted sum of the phasor's entries, and no sine is
-evaluated. Any other is asked for height and slope at the stage times. The external force on the body
-always turns a phasor. A phasor turned by a constant angle a thousand times is off by 4e-13.
+needs of it, at its ends and in its middle, is a weighted sum of the phasor's entries, and no sine
+is evaluated. Any other is asked for height and slope at the stage times. The external force on the
+body always turns a phasor. A phasor turned by a constant angle a thousand times is off by 4e-13.
 """
 
 from __future__ import annotations

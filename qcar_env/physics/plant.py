@@ -1,7 +1,7 @@
 """The plant: a car with its actuators, whatever both are made of.
 
-`qcar_env.physics.car` has the cars, `qcar_env.parts.actuator` the actuators. Their functions are put
-together here once for each pair of classes, so that compiled code sees one function.
+`qcar_env.physics.car` has the cars, `qcar_env.parts.actuator` the actuators. Their functions are
+put together here once for each pair of classes, so that compiled code sees one function.
 """
 
 from __future__ import annotations

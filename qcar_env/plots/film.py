@@ -94,7 +94,7 @@ class Film:
                 f"second, got {self.length} at {self.rate:.3g} a second; change duration, fps or "
                 "slow"
             )
-        if self.start == "steady" and self.scenario.road.profile != "harmonic":
+        if self.start == "steady" and not self.scenario.excitation.harmonic:
             raise ValueError(
                 f"a steady start needs an endless road, got scenario {self.scenario.name!r}; "
                 "use --start rest"
@@ -187,7 +187,7 @@ def _write_gif(film: Film, path: Path, progress: Progress) -> None:
 
 def drive(entry: Entry, film: Film) -> Iterator[QuarterCarHumpEnv]:
     """Run one car and yield its environment once a frame."""
-    scenario = dataclasses.replace(film.scenario, randomisation=None)
+    scenario = dataclasses.replace(film.scenario, randomisation=())
     policy = entry.make(scenario.with_force_scale(film.force_scale), None, film.force_scale)
     reads, limit = shown_to(policy, "full")
     env = QuarterCarHumpEnv(
@@ -199,7 +199,7 @@ def drive(entry: Entry, film: Film) -> Iterator[QuarterCarHumpEnv]:
     )
     state = np.zeros(4)
     if film.start == "steady":
-        state = linear.steady_state(scenario.car, scenario.road, scenario.force).state(0.0)
+        state = linear.steady_state(scenario.car, scenario.excitation, scenario.force).state(0.0)
     observation, _ = env.reset(seed=0, options={"state": state, "phase": 0.0})
     rest = np.zeros(scenario.actuator.size, dtype=np.float32)
     memory: Any = None

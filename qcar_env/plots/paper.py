@@ -13,10 +13,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from qcar_env.analysis import chaos, paper_experiments as experiments, stability
-from qcar_env.analysis.forced_car import ForcedCar, stack, sweep
-from qcar_env.analysis.frequency_response import Response, fixed_points, response
-from qcar_env.analysis.hardening import Hardening
+from qcar_env.analysis import chaos
+from qcar_env.analysis.paper import experiments, stability
+from qcar_env.analysis.paper.forced_car import ForcedCar, stack, sweep
+from qcar_env.analysis.paper.frequency_response import Response, fixed_points, response
+from qcar_env.analysis.paper.hardening import Hardening
 from qcar_env.analysis.simulate import Simulation
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import Law

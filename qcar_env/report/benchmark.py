@@ -47,7 +47,7 @@ def benchmark(outcome: Outcome, provenance: Mapping[str, str]) -> Report:
     charts += [
         _distribution(each, scale, outcome, shown, looks)
         for each in tracks
-        if each.nominal.randomisation is not None
+        if each.nominal.randomisation
         for scale in each.force_scales
     ]
     return Report(
@@ -212,7 +212,7 @@ def _frontier(
     if len(scales) < 2:
         return None
     bounds = [outcome.bounds[(track.name, s)] for s in scales]
-    best = [float(np.mean([each.lower for each in bound])) for bound in bounds]
+    best = [float(np.mean([each.lower for each in b])) if b else np.nan for b in bounds]
     x = np.array(scales)
     optimum = look("optimum")
     curves = [

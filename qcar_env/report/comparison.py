@@ -14,7 +14,10 @@ from qcar_env.analysis.paper.forced_car import from_scenario, stack, sweep
 from qcar_env.analysis.paper.table1 import Cell
 from qcar_env.control.law import Law
 from qcar_env.evaluation import storage
-from qcar_env.evaluation.comparison import START, Comparison, Outcome
+from qcar_env.evaluation.bounds import linear_plant
+from qcar_env.evaluation.comparison import START, Comparison
+from qcar_env.evaluation.outcome import Outcome
+from qcar_env.physics.car import PaperCar
 from qcar_env.plots.style import line
 from qcar_env.report.content import Chart, Column, Curve, Report, Table, dash, history, parameters
 from qcar_env.report.page import write
@@ -47,14 +50,13 @@ def comparison(found: Comparison, provenance: Mapping[str, str]) -> Report:
     """Collect the report of a comparison, with what is needed to make it again."""
     scenario, outcomes = found.scenario, found.outcomes
     unit = scenario.actuator.unit
-    harmonic = scenario.road.profile == "harmonic"
     limits = " and ".join(f"{value:g}" for value in scenario.actuator.limit)
     tables = [_leaderboard(outcomes, unit)]
     if found.table1:
         tables.append(_paper_table(found.table1))
     charts: list[Chart] = []
     optimum = None
-    if harmonic:
+    if scenario.excitation.harmonic and linear_plant(scenario):
         frontier, optimum = _frontier(scenario, outcomes)
         charts.append(frontier)
         charts += _responses(scenario, found.laws)
@@ -194,12 +196,12 @@ def _frontier(scenario: Scenario, outcomes: Sequence[Outcome]) -> tuple[Chart, f
 
 def _responses(scenario: Scenario, laws: Mapping[str, Law]) -> list[Chart]:
     """Return amplitude against forcing frequency, laws in continuous time without a limit."""
-    if scenario.actuator.actuation != "independent" or (
-        scenario.force.f and scenario.force.Omega != scenario.road.omega
-    ):
+    forcing, force = scenario.excitation.omega, scenario.force
+    of_paper = isinstance(scenario.car, PaperCar) and scenario.actuator.size == 2
+    if not of_paper or (force.f and force.Omega != forcing):
         return []
     low, high, count = RESPONSE
-    omega = scenario.road.omega * np.linspace(low, high, count)
+    omega = forcing * np.linspace(low, high, count)
     found = {}
     for name, law in laws.items():
         cars = stack(list(sweep(from_scenario(scenario, law), "omega", omega)))

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from qcar_env.analysis import calibration, fidelity
-from qcar_env.analysis.forced_car import from_scenario
-from qcar_env.analysis.paper_experiments import trends, with_law
-from qcar_env.analysis.table1 import PRINTED, table1
+from qcar_env.analysis.paper import calibration, fidelity
+from qcar_env.analysis.paper.experiments import trends, with_law
+from qcar_env.analysis.paper.forced_car import from_scenario
+from qcar_env.analysis.paper.table1 import PRINTED, table1
 from qcar_env.control import CNVC
 from qcar_env.evaluation.tables import markdown
 from qcar_env.scenarios import Scenario

@@ -75,8 +75,8 @@ class Excitation:
     def _turns(self, name: str) -> float:
         if not self.turning:
             raise ValueError(
-                f"the road must be made of sines, got {self.road}; give a Sine, a HalfSine, a train "
-                "of these, or a Step"
+                f"the road must be made of sines, got {self.road}; give a Sine, a HalfSine, a "
+                "train of these, or a Step"
             )
         return float(getattr(self._shape, name))
 
@@ -189,8 +189,9 @@ def train(
         Flat stretch between two humps, in lengths of a hump [-].
     """
     one = hump(h=h, omega=omega, V=V, L=L, start=start)
-    length = math.pi / one.road.wavenumber  # type: ignore[attr-defined]
-    return Excitation(road=Train(shape=one.road, count=count, gap=gap * length), speed=one.speed)
+    shape: Any = one.road
+    length = math.pi / shape.wavenumber
+    return Excitation(road=Train(shape=shape, count=count, gap=gap * length), speed=one.speed)
 
 
 def step(*, h: float, start: float = 0.0) -> Excitation:

@@ -138,7 +138,7 @@ class Plan:
             row=np.array(tree.flat(self.nominal), dtype=np.float64) + 0.0,  # no negative zero
             draws=draws if len(draws) else np.zeros((1, 3)),
             targets=targets,
-            count=first + MOTION_DRAWS,
+            uniforms=first + MOTION_DRAWS,
             table=np.array(self.scenario.road.table, dtype=np.float64).ravel(),
         )
 

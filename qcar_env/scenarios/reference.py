@@ -194,7 +194,7 @@ def _idle(plan: Any, seed: int | None, n: int) -> NDArray[np.float64]:
     idle, force = np.zeros(car.actions, np.float32), np.empty(car.actions)
     largest = np.zeros(car.size)
     for _ in range(n):
-        seen = np.abs(car.begin(rng.random(plan.source.count), given))
+        seen = np.abs(car.begin(rng.random(plan.source.uniforms), given))
         for _ in range(plan.scenario.steps):
             np.maximum(largest, seen, out=largest)
             car.advance(car.array, idle, seen, force)

@@ -492,7 +492,7 @@ def full_dop853(law, start, times, force_on_masses):
     return out
 
 
-@pytest.mark.parametrize("limit", [None, 1_500.0])
+@pytest.mark.parametrize("limit", [None, 600.0])
 def test_a_car_of_nonlinear_parts_on_a_road_that_is_read_agrees_with_dop853(limit):
     law, start = CNVC(G1=3.0, G2=1.0), State(0.0, 0.01, 0.0, 0.2)
     times = np.linspace(0.0, 0.6, 61)
@@ -559,18 +559,15 @@ def test_a_jump_of_the_road_under_a_damped_tyre_throws_the_wheel(start, law):
     car = QuarterCar.from_physical(45.0, 320.0, 190e3, 18e3, 800.0, 1500.0)
     road, late = roads.step(h=0.04, start=start), 0.3
     found = simulate(car, road, QUIET, law, duration=start + late, step=1e-4)
-    flat = roads.step(h=0.04, start=-1.0)  # raised long ago
+    raised = roads.step(h=0.04, start=-1.0)  # long ago
     kicked = State(0.0, 0.0, 800.0 * 0.04 / 45.0, 0.0)
-    steps = round((start + late) / 1e-4) - math.ceil(start / 1e-4 - 1e-9)
-    first = math.ceil(start / 1e-4 - 1e-9) * 1e-4 - start  # from the jump to the next instant
-    offset = simulate(car, flat, QUIET, law, duration=late + 1e-4, step=1e-5, start=kicked)
-    at = np.round((first + 1e-4 * np.arange(steps)) / 1e-5).astype(int)
-    expected = histories(offset)[:, at[1:]]
-    got = histories(found)[:, -len(at) + 1 :]
+    after = simulate(car, raised, QUIET, law, duration=late, step=1e-5, start=kicked)
+    since = np.round((found.t - start) / 1e-5).astype(int)
+    assert not np.any(histories(found)[:, since <= 0])  # at the jump itself: the state before it
+    expected, got = histories(after)[:, since[since > 0]], histories(found)[:, since > 0]
     # RK4 with 1e-4 s of a loop up to 70 rad/s: 1e-9; and rounding
     scale = np.abs(expected).max(axis=1, keepdims=True)
     assert np.all(np.abs(got - expected) <= 1e-7 * scale)
-    assert found.v1[0] == 0.0  # the state at time 0 is that before a jump then
 
 
 def test_cars_and_roads_of_several_kinds_in_one_call_equal_single_calls():
@@ -626,8 +623,8 @@ def test_a_step_is_judged_by_the_stiffer_side_of_a_bilinear_damper():
         damper=BilinearDamper(c_compression=100.0, c_rebound=1e5, knee=1.0, fast=1.0),
         tyre=LiftOffTyre(k=190_000.0),
     )
-    with pytest.raises(ValueError, match=r"step must be below 0\.001 s for none at rest"):
-        simulate(stiff, PAPER_ROAD, QUIET, Passive(), duration=1.0, step=1.1e-3)
+    with pytest.raises(ValueError, match=r"step must be below 0\.0012 s for none at rest"):
+        simulate(stiff, PAPER_ROAD, QUIET, Passive(), duration=1.0, step=1.3e-3)
 
 
 def test_a_steady_motion_needs_harmonic_forcing():

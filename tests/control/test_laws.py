@@ -249,7 +249,9 @@ def test_a_car_that_is_not_linear_has_the_limit_of_its_stiffness_at_rest():
     for law in (PPF(G1=1.0, G2=50.0), PD(p1=0.0, p2=-50.0), PPF(G1=3500.0, G2=1.0)):
         messages = []
         for car in (linear_car, hardening):
-            with pytest.raises(ValueError, match=r"must be below .* 1/s\^2 .*static stability") as e:
+            with pytest.raises(
+                ValueError, match=r"must be below .* 1/s\^2 .*static stability"
+            ) as e:
                 law.check(car)
             messages.append(str(e.value))
         assert messages[0] == messages[1]

@@ -68,7 +68,12 @@ def test_feedforward_cancels_the_mean_disturbance_of_the_interval():
     y, rate = PAPER.excitation.height(tau), PAPER.excitation.rate(tau)
     wheel = np.mean(PAPER.car.mu1 * y + PAPER.car.mu2 * rate)
     body = np.mean(PAPER.force.value(tau))
-    seen = [PAPER.excitation.height(t), PAPER.excitation.rate(t), PAPER.force.value(t), PAPER.force.rate(t)]
+    seen = [
+        PAPER.excitation.height(t),
+        PAPER.excitation.rate(t),
+        PAPER.force.value(t),
+        PAPER.force.rate(t),
+    ]
     np.testing.assert_allclose(PUSH @ k @ seen, [-wheel, -body], rtol=1e-6)
 
 

@@ -25,7 +25,9 @@ def between(law, x, limit=1e9):
     """Return the specific forces that one actuator between the masses gives."""
     actuator = SuspensionActuator(limit=limit)
     loop = loop_functions(CAR.functions, law.functions, actuator=SuspensionActuator)
-    return loop.forces(ControlledState(x, Nothing()), LoopNumbers(READY, law.numbers, actuator.numbers))
+    return loop.forces(
+        ControlledState(x, Nothing()), LoopNumbers(READY, law.numbers, actuator.numbers)
+    )
 
 
 @given(x=..., G1=GAIN, G2=GAIN)
@@ -34,9 +36,7 @@ def test_against_the_ground_the_hybrid_is_linear_velocity_feedback(x: State, G1,
 
 
 @given(x=..., G1=GAIN, G2=GAIN)
-def test_between_the_masses_the_two_forces_are_opposite_and_are_what_both_ask_for(
-    x: State, G1, G2
-):
+def test_between_the_masses_the_two_forces_are_opposite_and_are_what_both_ask_for(x: State, G1, G2):
     u1, u2 = between(Hybrid(G1=G1, G2=G2), x)
     # half a dozen roundings, of the limit of 1e9 N too
     scale = 1e-14 * (CAR.m1 * G1 * abs(x.v1) + CAR.m2 * G2 * abs(x.v2))

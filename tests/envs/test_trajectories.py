@@ -1,4 +1,4 @@
-"""The paper's scenarios give what version 0.1.0 gave, to the last bit, so that agents stay valid."""
+"""The paper's scenarios give what version 0.1.0 gave, to the last bit: agents stay valid."""
 
 import importlib.util
 from pathlib import Path

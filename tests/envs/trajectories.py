@@ -74,7 +74,8 @@ def vector(name: str, mode: str) -> Arrays:
 def stored(found: Arrays) -> Arrays:
     """Return what is kept of a trajectory: some of it, and the fingerprint of each array.
 
-    An observation's rate of the road, entry 5, is left out of its fingerprint (`test_trajectories`).
+    An observation's rate of the road, entry 5, is left out of its fingerprint
+    (`test_trajectories`).
     """
     kept: Arrays = {}
     for key, values in found.items():

@@ -14,9 +14,11 @@ from baselines import catalogue
 from qcar_env.analysis.optimum import period_optimum
 from qcar_env.control import LAWS
 from qcar_env.evaluation.benchmark import run
-from qcar_env.evaluation.comparison import Comparison, outcome
+from qcar_env.evaluation.comparison import PERIODS, Comparison
+from qcar_env.evaluation.outcome import outcome
 from qcar_env.evaluation.rollouts import rollout
 from qcar_env.evaluation.tracks import TRACKS
+from qcar_env.physics.tree import flat
 from qcar_env.plots.style import line
 from qcar_env.report.benchmark import benchmark, page
 from qcar_env.report.comparison import comparison
@@ -30,7 +32,8 @@ def report_of(name, laws, duration):
     base = scenario(name)
     policies = {law: catalogue.make(law, base) for law in laws}
     rollouts = {law: rollout(policy, base, duration=duration) for law, policy in policies.items()}
-    outcomes = [outcome(law, each, base.reference_amplitudes) for law, each in rollouts.items()]
+    periods = PERIODS if base.excitation.harmonic else None
+    outcomes = [outcome(law, each, periods=periods) for law, each in rollouts.items()]
     found = Comparison(
         scenario=base,
         outcomes=tuple(outcomes),
@@ -97,10 +100,11 @@ def test_every_parameter_of_every_scenario_is_listed(name):
     base = scenario(name)
     table = parameters(base)
     values = [row[2] for row in table.rows]
-    for number in (base.car.omega1, base.car.b2, base.road.h, *base.actuator.limit, base.dt):
+    numbers = flat((base.car.numbers, base.excitation.h, base.actuator.limit, base.dt, base.speed))
+    for number in numbers:
         assert number in values
     assert base.source in table.note
-    if base.randomisation is not None:
+    if base.randomisation:
         assert any("drawn" in str(row[0]) for row in table.rows)
 
 

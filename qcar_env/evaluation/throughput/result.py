@@ -9,10 +9,10 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
+from qcar_env.engine.closed_loop import cores
 from qcar_env.evaluation.tables import markdown
 from qcar_env.evaluation.throughput import closed_loops, environments
 from qcar_env.evaluation.throughput.timing import Candidate, Timing, fresh, interleave
-from qcar_env.physics import engine
 
 SINGLE_NUMBERS = (
     "bytes_per_car",
@@ -51,7 +51,7 @@ def measure(
         timings |= {each.name: each for each in interleave(group(), rounds)}
     return {
         "machine": platform.processor() or platform.machine(),
-        "cores": engine.cores(),
+        "cores": cores(),
         "python": platform.python_version(),
         "versions": {
             name: importlib.metadata.version(name) for name in ("numpy", "numba", "gymnasium")
@@ -96,13 +96,13 @@ def ratios(
             (f"batch {n}", f"EnvPool Pendulum {n}", 50.0 if n == 1024 else None),
             (f"batch {n}", f"gymnax Pendulum {n}", None),
         ]
-    threaded = f"rollout, held, fused, {engine.cores()} threads"
+    threaded = f"rollout, held, fused, {cores()} threads"
     wanted += [
         ("rollout, held", "multiply-add peak", 0.85),
         ("rollout, held, fused", "multiply-add peak", 0.85),
         (threaded, "rollout, held, fused", 1.9),
         # what the machine gives: less than 2 where the other core is somebody else's too
-        (f"multiply-add peak, {engine.cores()} threads", "multiply-add peak", None),
+        (f"multiply-add peak, {cores()} threads", "multiply-add peak", None),
     ]
     rows: list[dict[str, Any]] = []
     for ours, theirs, limit in wanted:

@@ -11,7 +11,7 @@ from qcar_env.analysis.paper.forced_car import ForcedCar, ForcedCars, Gains, sta
 from qcar_env.analysis.paper.hardening import Hardening
 from qcar_env.analysis.paper.jacobian import JacobianEntries, jacobian_entries
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
-from qcar_env.physics.car import QuarterCar
+from qcar_env.physics.car import PaperCar
 from qcar_env.physics.state import Filter
 
 LAWS = [
@@ -141,7 +141,7 @@ def test_describing_functions_of_filters_solve_their_equations():
 
 def random_car(rng: np.random.Generator, law) -> ForcedCar:
     """Return a car whose coefficients are all different and matter."""
-    car = QuarterCar(
+    car = PaperCar(
         omega1=50.0 + 10.0 * rng.random(),
         omega2=50.0 + 10.0 * rng.random(),
         b1=10.0 * rng.random(),
@@ -279,7 +279,8 @@ def test_numerical_averaging_of_a_law_given_as_a_function():
     def command(x, eta, gains):
         return -gains[0] * np.sign(x.v1), 0.0 * x.v2
 
-    gains = Gains(command, None, type(CNVC().gains)(np.array([3.0]), np.array([0.0])))
+    functions = CNVC().functions._replace(command=command)
+    gains = Gains(functions, type(CNVC().numbers)(np.array([3.0]), np.array([0.0])))
     A = np.array([0.2 * np.exp(0.7j)])
     one = np.array([50.0])
     U1, U2 = average_force(gains, A, A, omega1=one, omega2=one, samples=4096)
@@ -294,7 +295,8 @@ def test_a_filter_that_is_not_linear_has_no_describing_function():
     def filter_rate(x, eta, gains):
         return Filter(eta.eta1_dot, eta.eta2_dot, -eta.eta1 * eta.eta1, -eta.eta2 + 0.0 * x.x1)
 
-    gains = Gains(NDF().command, filter_rate, NDF().gains._make(np.ones((6, 1))))
+    functions = NDF().functions._replace(filter_rate=filter_rate)
+    gains = Gains(functions, NDF().numbers._make(np.ones((6, 1))))
     one = np.ones(1)
     with pytest.raises(ValueError, match=r"not linear.*use harmonic balance"):
         average_force(gains, one * 1j, one * 1j, omega1=one, omega2=one)

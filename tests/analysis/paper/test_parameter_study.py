@@ -102,7 +102,7 @@ def test_a_case_that_diverges_is_marked(paper):
 
 
 def test_scenarios_without_a_frequency_response_are_refused():
-    with pytest.raises(ValueError, match=r"needs a harmonic road, got 'step'"):
+    with pytest.raises(ValueError, match=r"needs a harmonic road, got a Step"):
         from_scenario(scenario("paper-step"))
     preset = scenario("paper")
     other = dataclasses.replace(preset, force=dataclasses.replace(preset.force, Omega=50.0))

@@ -28,7 +28,7 @@ from qcar_env.analysis.periodic_orbit import periodic_orbits
 from qcar_env.analysis.simulate import steady_amplitudes
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive
 from qcar_env.physics import linear
-from qcar_env.physics.car import QuarterCar
+from qcar_env.physics.car import PaperCar
 
 SIGMA = np.linspace(-20.0, 20.0, 41)
 matrices = st.lists(st.floats(-3.0, 3.0), min_size=16, max_size=16).map(
@@ -161,7 +161,7 @@ def test_the_averaged_loss_of_stability_is_the_plants(paper):
 def test_which_condition_fails_at_what_gain():
     """LNVC holds a car together that is unstable by itself; less gain than found loses it."""
     car = ForcedCar(
-        car=QuarterCar(
+        car=PaperCar(
             omega1=55.0, omega2=55.0, b1=8.7, b2=0.71, E1=0.5, E2=3.4, E3=600.0, mu1=2510.0,
             mu2=16.0,
         ),
@@ -212,7 +212,7 @@ def test_the_contraction_condition_is_sufficient(seed):
     """Random coupled cars: where the margin is positive, all motions found are stable and one."""
     rng = np.random.default_rng(seed)
     car = ForcedCar(
-        car=QuarterCar(
+        car=PaperCar(
             omega1=55.0, omega2=55.0, b1=5.0 + 20.0 * rng.random(), b2=1.0 + 20.0 * rng.random(),
             E1=300.0 * rng.random(), E2=10.0 * rng.random(), E3=600.0 * rng.random(), mu1=1000.0,
             mu2=1.0,
