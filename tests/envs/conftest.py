@@ -1,4 +1,4 @@
-"""A scenario unlike the presets: parts that are not linear, a road from a table, everything drawn."""
+"""A scenario unlike the presets: nonlinear parts, a road from a table, numbers that vary."""
 
 import pytest
 

@@ -192,7 +192,7 @@ class TestContract:
     def test_an_action_of_the_wrong_shape_is_refused(self, make):
         env = make()
         env.reset(seed=0)
-        with pytest.raises(ValueError, match="actions? must have shape"):
+        with pytest.raises(ValueError, match=r"actions? must have shape"):
             env.step(np.zeros((env.num_envs, 3), dtype=np.float32))
 
 

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 import qcar_env
 from qcar_env import SCENARIOS, scenario
@@ -435,7 +435,10 @@ def test_a_randomised_scenario_varies_from_episode_to_episode():
         ({"force_scale": 0.0}, "force_scale must be positive, got 0"),
         ({"force_scale": 1e300}, r"force_scale must be at most 1e\+06, got 1e\+300"),
         ({"scenario": "papre"}, "unknown scenario 'papre'; did you mean 'paper'"),
-        ({"scenario": "mathworks-hump"}, r"is made of other parts than this environment's.*make a new"),
+        (
+            {"scenario": "mathworks-hump"},
+            r"is made of other parts than .*make a new",
+        ),
     ],
 )
 def test_an_option_out_of_range_is_refused(options, message):

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import qcar_env  # noqa: F401 - registers the environment
-from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.envs.picture import forces, largest_forces, sizes
+from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.parts.actuator import LaggedSemiActiveDamper, LaggedSuspensionActuator
 from qcar_env.physics import linear
 from qcar_env.physics.signals import signal
