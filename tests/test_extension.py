@@ -15,7 +15,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import baselines.tune
 from baselines.law_policy import LawPolicy
 from qcar_env.analysis.optimum import period_optimum
 from qcar_env.analysis.simulate import simulate
