@@ -75,6 +75,9 @@ class BodyAmplitude(Term):
     weight: float = number("weight", "-", non_negative, WEIGHT)
 
 
+NAMES = {"travel": "suspension_travel"}  # of terms, as `reward_travel` is the limit's penalty
+
+
 def squared(name: str | Signal, weight: float = 1.0) -> Term:
     """Return a term ``weight * z^2`` of a signal z, scaled (errors: as `signal`)."""
     return _of_signal(signal(name), _square)(weight=weight)
@@ -99,7 +102,7 @@ def _of_signal(read: Signal, function: Any) -> Any:
     class OfSignal(Term):
         """A term of one signal."""
 
-        name = read.name
+        name = NAMES.get(read.name, read.name)
         reads = (read,)
         cost = staticmethod(function)
 
