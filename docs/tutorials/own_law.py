@@ -31,13 +31,11 @@ SHORT = "--short" in sys.argv
 # %% [markdown]
 # ## The law
 #
-# The formula is arithmetic alone, without `**` and without library calls, so that the same
-# function runs on numbers, on arrays of many cars, and inside compiled code. `x` is the state
-# with the entries `x1`, `x2`, `v1`, `v2`; `eta` is the law's memory, which this law does not
-# have; `p` are its gains. These are declared with their unit and the check that they must pass.
-#
-# A law that destabilises some cars says so in a method `check(car)`. This one only takes energy
-# out, as its power `G v^6` is never negative.
+# Each gain is declared with its unit and its check. The formula is arithmetic alone, without `**`
+# and without library calls, so that the same function runs on numbers, on arrays of many cars, and
+# inside compiled code. `x` is the state with the entries `x1`, `x2`, `v1`, `v2`; `eta` is the law's
+# filter, which this law does not have; `p` are its gains. It only takes energy out, as its power
+# `G v^6` is never negative; a law that can destabilise a car says so in `check(car)`.
 
 
 # %%
@@ -45,8 +43,8 @@ SHORT = "--short" in sys.argv
 class Quintic(Law):
     """Quintic negative velocity control."""
 
-    G1: float = number("gain", "s^4/m^4", non_negative, 0.02)
-    G2: float = number("gain", "s^4/m^4", non_negative, 0.2)
+    G1: float = number("gain", "s^3/m^4", non_negative, 0.02)
+    G2: float = number("gain", "s^3/m^4", non_negative, 0.2)
     name = "quintic"
 
     @staticmethod
@@ -76,10 +74,10 @@ for law in laws:
 # %%
 duration = 2.0 if SHORT else 60.0
 for law in laws:
-    crossing = rollout(LawPolicy(law, paper), paper, duration=duration)
+    episode = rollout(LawPolicy(law, paper), paper, duration=duration)
     last = slice(-200, None)
-    x1, x2 = np.abs(crossing.x1[last]).max(), np.abs(crossing.x2[last]).max()
-    peak = np.abs(crossing.force[last]).max(axis=0)
+    x1, x2 = np.abs(episode.x1[last]).max(), np.abs(episode.x2[last]).max()
+    peak = np.abs(episode.force[last]).max(axis=0)
     print(
         f"{law}: wheel {x1:.4f} m, body {x2:.4f} m, peak force {peak[0]:.0f} / {peak[1]:.1f} m/s^2"
     )
