@@ -205,10 +205,12 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         forces=COMMAND,
         costs=COSTS,
         ends=(0.0, 0.0, 0.0, 0.0),
+        measured=BEFORE,
         saved=(STATE, PHASORS),
     )
     X, W, BEFORE_ROW, HELD, LATER, SENSORS, SHOWN = (moving.row(name) for name in moving.trees)
-    C, E, U, COST, END, SAVED = (passed.row(name) for name in passed.trees)
+    C, E, U, COST, END, MEASURED, SAVED = (passed.row(name) for name in passed.trees)
+    MEMORY = len(flat(BEFORE))
     MOVES = moving.row("before")  # state and phasors lie first
     ELAPSED, LAST, DONE, KINK, NEXT = (
         clocks.find(f"clock.{name}") for name in ("elapsed", "last", "done", "kink", "next")
@@ -659,7 +661,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         late = (clock[ELAPSED * LANES + j] >= clock[LAST * LANES + j]) & (not out)
         penalty = -fixed.penalty * out
         save(s, END, LANES, j, (out, late, penalty, negative_sum(costs) + penalty))
-        save(z, BEFORE_ROW, LANES, j, measured)
+        save(s, MEASURED, LANES, j, measured)
 
     @compiled_apart
     def inspect_one(z: Any, clock: Any, p: Any, s: Any, j: Any, dt: Any, table: Any) -> None:
@@ -910,6 +912,8 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
                     time = load(clock, 0, LANES, j, CLOCK)
                     if time.next <= time.start + time.elapsed * dt:
                         inspect_one(z, clock, p, s, j, dt, table_of(tables, own_bounds, j))
+            for i in range(MEMORY * LANES):  # after every car was read, some of them twice
+                z[BEFORE_ROW * LANES + i] = s[MEASURED * LANES + i]
             if senses:
                 for j in range(lanes):
                     fixed = load_wide(p, 0, LANES, j, FIXED)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -25,62 +26,83 @@ if TYPE_CHECKING:
 
 
 class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
-    """A quarter car crosses speed humps; an actuator keeps wheel and body still.
+    """A quarter car crosses a road; an actuator keeps wheel and body still.
 
     ## Description
 
     Two masses, the wheel on its tyre and the car body on its suspension, are shaken by the road
-    under the tyre and by an external force on the body. The plant is that of Alluhydan, Amer,
-    EL-Sayed and Agwa, *Stability and Control of Car Dynamics with a Quarter Model via a Novel
+    under the tyre and by an external force on the body. By default they are those of Alluhydan,
+    Amer, EL-Sayed and Agwa, *Stability and Control of Car Dynamics with a Quarter Model via a Novel
     Simple Harmonic Hump under External Force*, Mathematics 2024, 12(19), 3046, equations (3)-(4),
-    integrated with fourth-order Runge-Kutta. The policy sets the actuator force, which is held
-    over each control interval `dt`. Signs: everything is positive upward.
+    in their worst case: every frequency is 55 rad/s. A `Scenario` of one's own has any car, linear
+    or not, any road (humps, steps, ISO 8608, measured, from a function) at any speed, and any
+    actuator. The plant is integrated with fourth-order Runge-Kutta, cut at the kinks of the road.
+    The policy sets a command, which is held over each control interval `dt`, 5 ms in the presets.
+    Signs: everything is positive upward.
 
     ## Action space
 
-    `Box(-1, 1, (m,), float32)`: the force as a fraction of the actuator's limit. With
-    ``independent`` actuation (the paper's) m = 2: specific forces on wheel and body. With
-    ``suspension`` actuation m = 1: one actuator between them, +1 lifts the body. Values outside
-    the box are clipped, as an actuator saturates. `info["force"]` has the force in SI units, and
-    `env.unwrapped.force_limit` the limits.
+    `Box(-1, 1, (m,), float32)`: what is asked of the actuator, over its limit. The paper's
+    ``IndependentActuators`` have m = 2, specific forces on wheel and body [m/s^2], with limits of
+    280 and 33 m/s^2. One actuator between wheel and body has m = 1: +1 lifts the body with the
+    limit [N], 1500 N in the presets; of a semi-active damper, -1 asks for the least damping and +1
+    for the largest. Values outside the box are clipped, as an actuator saturates. `info["force"]`
+    has the forces that act, in SI units; `env.unwrapped.force_limit` the limits.
 
     ## Observation space
 
-    `Box(-10, 10, (8,), float32)` with ``observe="full"``; the first four entries, which is what
-    the paper's laws use, with ``observe="feedback"``. A and omega are the reference amplitudes
-    and the reference frequency of the scenario.
+    `Box(-10, 10, (k,), float32)`: k signals, each over its scale, clipped. `observe` names them:
+    ``"full"`` (k = 8, the default) or ``"feedback"`` (the first four, which the paper's laws use),
+    or a sequence of names of `qcar_env.physics.signals.SIGNALS` and of `Signal` objects of one's
+    own, for example ``observe=("body_acceleration", "travel", "travel_rate")``.
 
-    | # | entry | meaning |
-    |---|---|---|
-    | 0 | x1 / A1 | wheel displacement |
-    | 1 | x2 / A2 | body displacement |
-    | 2 | v1 / (omega A1) | wheel velocity |
-    | 3 | v2 / (omega A2) | body velocity |
-    | 4 | y / h | road height under the tyre |
-    | 5 | y' / (h omega) | its rate |
-    | 6 | F / f | external force |
-    | 7 | F' / (f Omega) | its rate |
+    | # | signal | meaning | scale in `paper` |
+    |---|---|---|---|
+    | 0 | x1 | wheel displacement | 1.116 m |
+    | 1 | x2 | body displacement | 1.589 m |
+    | 2 | v1 | wheel velocity | 61.40 m/s |
+    | 3 | v2 | body velocity | 87.41 m/s |
+    | 4 | y | road height under the tyre | 0.1 m |
+    | 5 | y_dot | its rate as the car drives | 5.5 m/s |
+    | 6 | F | external force on the body | 24.8 m/s^2 |
+    | 7 | F_dot | its rate | 1364 m/s^3 |
 
-    With `observe_limit=True` one more entry follows: the force limit over the scenario's own.
+    A signal's scale is the largest value that it has without control, from rest and from starts as
+    episodes draw them; `scenario.reference.scales` has them, and a scenario can state its own
+    (`Scenario.scales`), as `paper`, `paper-hump` and `paper-randomised` do. A signal that is always
+    zero is shown as zero. With `observe_limit=True` one more entry follows: the force limit over
+    the scenario's own. At a kink of the road `y_dot` is that of the piece that begins.
 
     ## Reward
 
-    Minus ten times the mean of the envelope amplitudes ``a_i = sqrt(x_i^2 + (v_i / omega)^2)`` over
-    the reference amplitudes: -10 is the uncontrolled steady motion, 0 is stillness. `info` has the
-    terms `reward_x1`, `reward_x2` and `reward_travel`; their sum is the reward.
+    Minus a sum of costs. By default (``reward="amplitudes"``) ten times the mean of the envelope
+    amplitudes ``a_i = sqrt(x_i^2 + (v_i / omega_i)^2)`` over those of the uncontrolled motion, that
+    is ``sqrt`` of the squared entries x_i and v_i of the observation: -10 is the paper's
+    uncontrolled steady motion, 0 is stillness. `reward` may also be ``"removed"`` (for training,
+    with an actuator on each mass), a `qcar_env.envs.reward.Reward`, or terms, for example
+    ``reward=(squared("body_acceleration"), absolute("travel", 0.1))``. `info` has the terms
+    (`reward_x1` and `reward_x2` by default) and `reward_travel`, the penalty below; their sum is
+    the reward.
 
     ## Start of an episode
 
     A quarter of the episodes starts from rest, the others with amplitudes between 0.01 and 1.5 of
-    the uncontrolled ones, with random phases of the masses and, on a harmonic road, of the road.
-    `reset(options=...)` fixes them: `state` (x1, x2, v1, v2) in SI units, `phase` of the road in
-    rad; `force_scale` and `scenario` (a name or a `Scenario` with as many actuators) hold for this
-    and the following episodes.
+    the uncontrolled ones, with random phases of the masses and, on an endless sine, of the road,
+    which `info["phase"]` has. `reset(options=...)` fixes them: `state` (x1, x2, v1, v2) in SI units,
+    `phase` of the road in rad; `force_scale` and `scenario` (a name or a `Scenario` made of the same
+    classes of parts) hold for this and the following episodes.
+
+    What a scenario lets vary (`Scenario.randomisation`: any of its numbers, by its path, with a
+    distribution) is drawn anew for each episode, always from the nominal numbers.
+    `env.unwrapped.episode` is the scenario of the running episode, as drawn.
 
     ## End of an episode
 
-    Terminated when a displacement exceeds `travel_limit` reference amplitudes, at the reward
-    `reward_travel`; truncated after `duration` seconds. Nothing else ends an episode.
+    Terminated when a displacement exceeds `travel_limit`, 3 in the presets, times its scale, at the
+    reward `reward_travel`, -3000 then; truncated after `duration` seconds (5 s in the paper's
+    presets, 1000 intervals). Nothing else ends an episode. `env.spec.max_episode_steps` is the
+    number of intervals. The `max_episode_steps` of `gymnasium.make` only cuts episodes short:
+    longer ones are had by `duration`.
 
     ## Rendering
 
@@ -98,13 +120,23 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     env = gym.make("QuarterCarHump-v0", scenario="paper", observe="full")
     ```
 
-    `scenario` is a name from `qcar_env.SCENARIOS` or a `Scenario`; `observe` is ``"full"`` or
-    ``"feedback"``; `observe_limit` adds the force limit to the observation; `force_scale`
-    multiplies the scenario's force limit; `duration` [s] replaces the scenario's.
+    - `scenario`: a name from `qcar_env.SCENARIOS`, a `Scenario`, or one as TOML or JSON, a file or
+      a text;
+    - `observe`, `observe_limit`: see the observation space;
+    - `reward`: see the reward;
+    - `force_scale`: factor on the actuator's limit, 1 by default;
+    - `duration`: length of an episode in seconds, instead of the scenario's;
+    - `render_mode`: see rendering.
+
+    `env.unwrapped.force_scale` and `env.unwrapped.scenario` can be set (`set_wrapper_attr` of
+    Gymnasium, `set_attr` of vector environments); both hold from the next reset on. A scenario of
+    other parts, or with another number of actuators, is refused: it needs a new environment.
 
     ## Version history
 
-    v0: first version.
+    v0: first version. Since release 0.2.0 a step of the road kicks a damped wheel, signals other
+    than those of the three scenarios above have scales of their own, and `y_dot` at a kink that
+    falls on a control instant is not an interval late.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 200}  # noqa: RUF012 - Gymnasium's interface
@@ -169,7 +201,8 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if given is not None:
             named = given.kwargs.get("scenario")
             if isinstance(named, Scenario):
-                given.kwargs["scenario"] = to_json(named)
+                with contextlib.suppress(ValueError):  # of a class that has no name of its own
+                    given.kwargs["scenario"] = to_json(named)
             given.max_episode_steps = self._base.steps
         self._spec = given
 

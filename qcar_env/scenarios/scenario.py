@@ -135,11 +135,6 @@ class Scenario:
                 "an actuator rated in newtons needs a car with masses, got a PaperCar; "
                 "make the car with QuarterCar"
             )
-        if self.actuator.delay > 0.0:
-            raise ValueError(
-                f"delay of the actuator must be 0 s, got {self.actuator.delay:g} s, as fleets hold "
-                "no command back; give a lag instead"
-            )
         index = tree.paths(self.numbers)
         for each in varied:
             for path in each.numbers:

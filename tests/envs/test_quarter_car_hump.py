@@ -1,6 +1,7 @@
 """The environment of one car: what it shows, pays, accepts and refuses."""
 
 import dataclasses
+import inspect
 import math
 import pickle
 import subprocess
@@ -12,7 +13,6 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from hypothesis import given, strategies as st
 
-import qcar_env
 from qcar_env import SCENARIOS, scenario
 from qcar_env.envs import episode as task
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
@@ -583,7 +583,22 @@ def test_the_docstring_names_what_a_user_meets():
     _, _, _, _, info = started().step(STILL)
     for name in (*task.RESET_OPTIONS, *task.OBSERVE, *info):
         assert f"`{name}`" in page or f'"{name}"' in page or f'info["{name}"]' in page, name
-    assert qcar_env.SCENARIOS.keys() >= {"paper"}
+    arguments = list(inspect.signature(QuarterCarHumpEnv.__init__).parameters)[1:]
+    assert all(f"`{name}`" in page for name in arguments)
+
+
+def test_the_numbers_of_the_docstring_are_those_of_the_preset():
+    page = QuarterCarHumpEnv.__doc__
+    scales = PAPER.reference.scales
+    for i, name in enumerate(task.FULL):
+        (row,) = [each for each in page.splitlines() if each.strip().startswith(f"| {i} | {name} ")]
+        shown = float(row.split("|")[4].split()[0])
+        assert shown == pytest.approx(scales[name], rel=5e-4)
+    assert (PAPER.actuator.limit, HUMP.actuator.limit) == ((280.0, 33.0), (1500.0,))
+    assert (PAPER.travel_limit, PAPER.steps, PAPER.dt) == (3.0, 1000, 0.005)
+    limit = PAPER.travel_limit * scales["x1"]
+    env = started(options={"state": (0.99 * limit, 0.0, 100.0, 0.0)})
+    assert env.step(STILL)[4]["reward_travel"] == pytest.approx(-3000.0)
 
 
 def test_a_refused_reset_changes_nothing():
