@@ -29,6 +29,7 @@ from agents.trainer import (
 )
 from qcar_env.engine.cars import NOTHING_GIVEN, Cars
 from qcar_env.engine.random import streams
+from qcar_env.engine.stepping import compose
 from qcar_env.envs.episode import OBSERVATION_LIMIT, Settings
 from qcar_env.physics import tree
 from qcar_env.physics.motion import Input, turning_step
@@ -66,15 +67,16 @@ class Motion:
                 "the analytic gradient needs an endless sine as its road, got "
                 f"{type(scenario.road).__name__}; train with ppo, sac or cma"
             )
+        self._scenario = scenario
+        kernels = compose(made, False)
+        self._like = kernels.moving.trees["state"], kernels.moving.trees["phasors"]
+        self._kind: Any = made.actuator
+        self._check(plan, kernels.fixed.trees["fixed"])
         self.cars = Cars(n, plan)
         self.cars.seed(np.arange(n), streams(range(seed * n, seed * n + n)))
-        self._scenario = scenario
         self._rate = plant_functions(made.car, made.actuator).rate
-        self._kind: Any = made.actuator
         self._step, self._substeps = step_fractions(plan.dt / plan.substeps), plan.substeps
         self._linear = scenario.car.linear and scenario.actuator.linear
-        self._like = self.cars.entries("state"), self.cars.entries("phasors")
-        self._check(plan)
         self.own = torch.zeros(n, 2)  # uncontrolled amplitudes of each car's episode [m]
         self.z = torch.zeros(n, len(tree.flat(self._like)))
         self.begin(np.arange(n))
@@ -131,12 +133,11 @@ class Motion:
             self._map = wide.permute(2, 1, 0).float().contiguous()
         self._fixed = tree.unflat(fixed, [each.float() for each in tree.flat(fixed)])
 
-    def _check(self, plan: Plan) -> None:
+    def _check(self, plan: Plan, numbers: Any) -> None:
         """Refuse by name what torch cannot run."""
         some = torch.full((2,), 0.1, requires_grad=True)
         (x, _), fixed = (
-            tree.unflat(like, [some] * len(tree.flat(like)))
-            for like in (self._like, self.cars.entries("fixed"))
+            tree.unflat(like, [some] * len(tree.flat(like))) for like in (self._like, numbers)
         )
         car, kind = plan.composition.car, self._kind
         command = (some,) * kind.size

@@ -39,7 +39,7 @@ from qcar_env.validation import positive, whole
 LIVE_CROSSING = 6.0  # [s] of a live evaluation; final scores take the track's full duration
 LIVE_CROSSINGS = 8  # in a live evaluation where scenarios vary
 EVALUATIONS = 10  # live evaluations in a training
-FORMAT = 2  # of run folders and checkpoints; a folder of another one is not resumed
+FORMAT = 3  # of run folders and checkpoints; a folder of another one is not resumed
 DECIDING = ("qcar_env", "numpy", "torch", "stable-baselines3")  # versions that must agree
 
 

@@ -187,7 +187,7 @@ def tune(
     nominal = track.at(force_scale)
     drawn = episodes(track, "training", force_scale=force_scale, count=count)
     training = [_on_optimum(each) for each in drawn]
-    periods = _periods(track)
+    periods, length = _measured(track, DURATION)
     window = _window(training, periods)
     evaluations = 0
 
@@ -198,7 +198,7 @@ def tune(
         evaluations += candidates
         policy = _candidates(baseline, [search.gains(c) for c in columns.T], nominal, count)
         rolled = rollouts(
-            policy, training * candidates, duration=DURATION, observe=policy.reads, last=window
+            policy, training * candidates, duration=length, observe=policy.reads, last=window
         )
         return rolled.rho(periods).reshape(candidates, count).mean(axis=1)
 
@@ -244,12 +244,14 @@ def validate(baseline: str, gains: Mapping[str, float], track: Track, force_scal
 
 def _settled_rho(policy: Any, track: Track, force_scale: float, split: Split) -> float:
     cases = episodes(track, split, force_scale=force_scale)
-    rolled = rollouts(policy, cases, duration=SETTLED, observe=policy.reads)
-    return float(np.mean(rolled.rho(_periods(track))))
+    periods, length = _measured(track, SETTLED)
+    rolled = rollouts(policy, cases, duration=length, observe=policy.reads)
+    return float(np.mean(rolled.rho(periods)))
 
 
-def _periods(track: Track) -> int | None:
-    return None if track.periods is None else PERIODS
+def _measured(track: Track, settled: float) -> tuple[int | None, float | None]:
+    """Return which periods are measured, and after how long [s]; without any, the whole of it."""
+    return (None, None) if track.periods is None else (PERIODS, settled)
 
 
 def load(path: Path = catalogue.STORE) -> tuple[Tuned, ...]:

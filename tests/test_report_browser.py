@@ -25,7 +25,8 @@ import pytest
 from qcar_env.control import LAWS as LAWS_BY_NAME
 from qcar_env.evaluation.benchmark import Outcome
 from qcar_env.evaluation.bounds import Bound
-from qcar_env.evaluation.comparison import Comparison, outcome
+from qcar_env.evaluation.comparison import PERIODS, Comparison
+from qcar_env.evaluation.outcome import outcome
 from qcar_env.evaluation.rollouts import Rollout
 from qcar_env.evaluation.score import History, Row
 from qcar_env.evaluation.tracks import TRACKS
@@ -205,7 +206,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A report of motions that are known."""
     base = scenario("paper")
     rollouts = {name: motion(1.1 / 2**number) for number, name in enumerate(LAWS)}
-    outcomes = [outcome(name, each, base.reference_amplitudes) for name, each in rollouts.items()]
+    outcomes = [outcome(name, each, periods=PERIODS) for name, each in rollouts.items()]
     found = Comparison(
         scenario=base,
         outcomes=tuple(outcomes),
@@ -413,7 +414,7 @@ def full_size(tmp_path_factory: pytest.TempPathFactory) -> Path:
             values = rng.uniform(0.1, 1.0, track.episodes)
             common = {"policy": name, "kind": "tuned", "reads": "full", "track": track.name}
             for episode, value in enumerate(values):
-                rest = dict.fromkeys(numbers, float(value)) | {"force_scale": scale}
+                rest = dict.fromkeys(numbers, float(value)) | {"force_scale": scale, "drawn": ""}
                 rows.append(Row(**common, version=1, episode=episode, terminated=False, **rest))
             x = rng.normal(size=(140, 4))
             histories[(name, track.name, scale)] = History(t=t, x=x, force=x[:, :2])

@@ -9,7 +9,6 @@ the averaged statement is held against.
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -91,7 +90,7 @@ def orbit_states(system: PeriodicSystem, state: Array, *, steps: int = STEPS) ->
     x = np.asarray(state, dtype=float)
     for index in range(steps):
         begin, middle, end = (np.array([turn * (index + part)]) for part in (0.0, 0.5, 1.0))
-        x = rk4_step(system.rate, _advance, operator.add, x, step, begin, middle, end)
+        x = rk4_step(system.rate, x, step, begin, middle, end)
         yield x
 
 
@@ -164,7 +163,3 @@ def periodic_orbits(system: PeriodicSystem, start: Array, *, steps: int = STEPS)
         period=2.0 * np.pi / np.asarray(system.omega, dtype=float),
         converged=found.converged,
     )
-
-
-def _advance(x: Array, step: Array, rate: Array) -> Array:
-    return x + step * rate

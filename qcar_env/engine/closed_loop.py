@@ -309,12 +309,13 @@ def compose(what: Composition, held: bool, fused: bool) -> tuple[Layout, Callabl
     rate, forces_of = compiled(loop.rate), compiled(loop.forces)
     phasor_at, next_kink, jump_at, after, reading, steps_of = road[2:]
     kick = compiled(car.kick)
-    sources = source_stamp(
+    stamp = source_stamp(
         compose,
         loop_functions,
         *(each for each in (*car, *what.law[:2]) if each is not None),
         *(each for each in (what.road.pieces, what.road.height) if each is not None),
     )
+    sources = stamp, fused  # which numba's cache does not look at, either
 
     # Shapes of what lies in a slab; the numbers do not matter.
     memory: Any = what.law.State

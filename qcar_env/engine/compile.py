@@ -19,7 +19,9 @@ can be asked for with fused multiply-adds (`kernel(fused=True)`).
 from __future__ import annotations
 
 import hashlib
+import itertools
 import os
+import secrets
 import sys
 from collections.abc import Callable
 from types import FunctionType, ModuleType
@@ -29,6 +31,7 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
+from numba.core.bytecode import FunctionIdentity
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic, overload, register_jitable
 
@@ -36,6 +39,12 @@ from qcar_env.physics import tree
 
 LANES = 64  # cars in a block: its rows fit the first-level cache of 32 KB
 INLINE = {"forceinline": True}  # without it loops over cars are not vectorised
+
+# numba names a compiled function after its source and a number, counted from 1 in each process; the
+# linker takes two of one name for the same. Functions of two cars, compiled by two processes and
+# loaded by a third from the cache on disk, would all be the first car's. Counting from elsewhere in
+# each process keeps them apart (tests/engine/test_compile.py).
+FunctionIdentity._unique_ids = itertools.count(secrets.randbits(62))
 
 
 def compiled(function: Any) -> Any:
@@ -148,6 +157,14 @@ def together(functions: tuple[Any, ...], *, each_its_own: bool = False) -> Any:
         return _made(f"def together(now, before, p):\n    return ({calls})", names)
     calls = "".join(f"{name}(m, p), " for name in names)
     return _made(f"def together(m, p):\n    return ({calls})", names)
+
+
+def each_by_its_own(functions: tuple[Any, ...]) -> Any:
+    """Return ``f(values, *others)``: each function of its own entry of `values`, as a tuple."""
+    names = {f"f{i}": compiled(each) for i, each in enumerate(functions)}
+    others = "z, row, stride, j, noise, elapsed, dt, p, begin"
+    calls = "".join(f"f{i}(values[{i}], {others}), " for i in range(len(functions)))
+    return _made(f"def each(values, {others}):\n    return ({calls})", names)
 
 
 def _made(source: str, names: dict[str, Any]) -> Any:

@@ -78,6 +78,6 @@ def _drawn(scenario: Any) -> list[Any]:
 
 def _refusal(name: str, what: str, part: Any) -> ValueError:
     return ValueError(
-        f"the exact method needs a {name} that is {what}, got {part}; give another one, or take "
+        f"the {name} must be {what} for the exact method, got {part}; give another one, or take "
         "method 'rk4'"
     )

@@ -13,6 +13,7 @@ from qcar_env.engine.random import standard
 
 FIRST_DRAWS = 6  # uniform numbers before those of the motion, at least: as in version 0.1.0
 MOTION_DRAWS = 6  # uniform numbers that state and phase at the start take
+NOISE_DRAWS = 1  # of sensors, where there are any; before those of the motion
 
 REST_SHARE = 0.25  # [-] share of the episodes that start from rest
 START_RANGE = (0.01, 1.5)  # [-] of start amplitudes over the uncontrolled ones, log-uniform
@@ -38,6 +39,7 @@ class Numbers(NamedTuple):
     speed: Any  # of the car [m/s]
     force: Any  # Force
     actuator: Any
+    sensors: Any  # a tuple
 
 
 class Reference(NamedTuple):
@@ -75,6 +77,7 @@ class Fixed(NamedTuple):
     force: Any  # Force
     turning: Any  # Turning, of whole steps
     actuator: Any
+    sensors: Any
     scales: Any
     terms: Any
     term_scales: Any
@@ -94,6 +97,7 @@ class Clock(NamedTuple):
     phase: Any  # phase of the road then [rad]
     kink: Any  # number of the road's next kink [-]
     next: Any  # its time [s]
+    noise: Any  # number that the episode's sensor noise is made from [-]
 
 
 def drawn(u: Any, how: Any) -> Any:

@@ -35,9 +35,11 @@ from qcar_env.engine.course import Pieces, RoadFunctions, course
 from qcar_env.engine.exact import exact as exact_of
 from qcar_env.engine.layout import Layout
 from qcar_env.engine.random import uniform
+from qcar_env.engine.sensing import Sensed, delaying, sensing
 from qcar_env.engine.starts import (
     CIRCLE,
     MOTION_DRAWS,
+    NOISE_DRAWS,
     Clock,
     Fixed,
     Force,
@@ -81,21 +83,25 @@ class Composition:
     actuator: type
     observed: tuple[Signal, ...]
     terms: tuple[type, ...]  # of the reward
+    delay: int  # of the actuator [intervals]
+    sensed: tuple[Sensed | None, ...]  # how each entry of the observation is read
     like: Nominal  # shapes of the numbers; their values do not matter
 
     def __hash__(self) -> int:
         """Ignore `like`: classes decide the shapes."""
-        return hash((self.car, self.road, self.actuator, self.observed, self.terms))
+        return hash(self._classes)
 
     def __eq__(self, other: object) -> bool:
         """Compare classes and shapes."""
         if not isinstance(other, Composition):
             return False
-        mine, theirs = (
-            (each.car, each.road, each.actuator, each.observed, each.terms, len(flat(each.like)))
-            for each in (self, other)
-        )
-        return mine == theirs
+        same = len(flat(self.like)) == len(flat(other.like))
+        return same and self._classes == other._classes
+
+    @property
+    def _classes(self) -> tuple[Any, ...]:
+        made_of = (self.car, self.road, self.actuator, self.observed, self.terms)
+        return *made_of, self.delay, self.sensed
 
 
 class Own(NamedTuple):
@@ -171,12 +177,24 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         Force(0.0, 0.0),
         turning_of(on_road, on_road, 0.0, 1.0, 1.0, 1.0),
         like.numbers.actuator,
+        like.numbers.sensors,
         like.scales,
         like.terms,
         like.term_scales,
         *(0.0,) * 4,
     )
-    moving = Layout(state=STATE, phasors=PHASORS, before=BEFORE, held=COMMAND)
+    senses = any(what.sensed)
+    remembered, sense = sensing(what.sensed)
+    moving = Layout(
+        state=STATE,
+        phasors=PHASORS,
+        before=BEFORE,
+        held=COMMAND,
+        later=(0.0,) * (what.delay * m),
+        sensors=(0.0,) * remembered,
+        shown=ENTRIES if senses else (),
+    )
+    later = delaying(what.delay, m, COMMAND)
     clocks = Layout(clock=CLOCK)
     mapped = exact_of(plant.rate, STATE, COMMAND) if exact else None
     fixed_rows = Layout(fixed=FIXED, map=(0.0,) * mapped.size if mapped else ())
@@ -187,10 +205,12 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         forces=COMMAND,
         costs=COSTS,
         ends=(0.0, 0.0, 0.0, 0.0),
+        measured=BEFORE,
         saved=(STATE, PHASORS),
     )
-    X, W, BEFORE_ROW, HELD = (moving.row(name) for name in moving.trees)
-    C, E, U, COST, END, SAVED = (passed.row(name) for name in passed.trees)
+    X, W, BEFORE_ROW, HELD, LATER, SENSORS, SHOWN = (moving.row(name) for name in moving.trees)
+    C, E, U, COST, END, MEASURED, SAVED = (passed.row(name) for name in passed.trees)
+    MEMORY = len(flat(BEFORE))
     MOVES = moving.row("before")  # state and phasors lie first
     ELAPSED, LAST, DONE, KINK, NEXT = (
         clocks.find(f"clock.{name}") for name in ("elapsed", "last", "done", "kink", "next")
@@ -283,6 +303,58 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
     def entry(value: Any) -> Any:
         return np.float32(min(max(value, -OBSERVATION_LIMIT), OBSERVATION_LIMIT))
 
+    if senses:
+
+        @compiled
+        def finished(raw: Any, fixed: Any) -> Any:
+            return raw  # sensors read it first
+
+        @compiled
+        def read_by_sensors(
+            z: Any,
+            stride: Any,
+            j: Any,
+            raw: Any,
+            noise: Any,
+            elapsed: Any,
+            dt: Any,
+            p: Any,
+            begin: Any,
+        ) -> Any:
+            seen = times(
+                sense(raw, z, SENSORS, stride, j, noise, elapsed, dt, p.sensors, begin), p.scales
+            )
+            save(z, SHOWN, stride, j, seen)
+            return seen
+
+        @compiled
+        def shown(z: Any, stride: Any, j: Any, raw: Any, fixed: Any) -> Any:
+            return load_wide(z, SHOWN, stride, j, ENTRIES)
+
+    else:
+
+        @compiled
+        def finished(raw: Any, fixed: Any) -> Any:
+            return bounded(times(raw, fixed.scales), OBSERVATION_LIMIT)
+
+        @compiled
+        def read_by_sensors(
+            z: Any,
+            stride: Any,
+            j: Any,
+            raw: Any,
+            noise: Any,
+            elapsed: Any,
+            dt: Any,
+            p: Any,
+            begin: Any,
+        ) -> Any:
+            return times(raw, p.scales)
+
+        @compiled
+        def shown(z: Any, stride: Any, j: Any, raw: Any, fixed: Any) -> Any:
+            return times(raw, fixed.scales)
+
     # One car over an interval -----------------------------------------------------------------
 
     @compiled
@@ -345,6 +417,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         targets: Any,
         table: Any,
         step: Any,
+        dt: Any,
         seen: Any,
     ) -> None:
         """Begin an episode, in the state and phase of `given` where these are numbers; show it."""
@@ -372,6 +445,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             force,
             turning_of(road_s, road_c, force.f, omega, force.Omega, step),
             numbers.actuator,
+            numbers.sensors,
             one.scales,
             one.terms,
             one.term_scales,
@@ -388,11 +462,15 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         save_fixed(p, stride, j, fixed, step)
         save(z, X, stride, j, x)
         save(z, W, stride, j, w)
-        save(clock, 0, stride, j, Clock(0.0, one.steps, 0.0, start, phase, float(kink), next))
+        noise = uniforms[first - NOISE_DRAWS]
+        begun = Clock(0.0, one.steps, 0.0, start, phase, float(kink), next, noise)
+        save(clock, 0, stride, j, begun)
+        for k in range(SENSORS - LATER):
+            z[(LATER + k) * stride + j] = 0.0
         save(z, HELD, stride, j, COMMAND)
         now = look(x, w, COMMAND, fixed, kink, start, table)
         save(z, BEFORE_ROW, stride, j, times(measure(now, fixed), fixed.term_scales))
-        entries = times(read(now, fixed), fixed.scales)
+        entries = read_by_sensors(z, stride, j, read(now, fixed), noise, 0.0, dt, fixed, True)
         for i in range(K):
             seen[i] = entry(entries[i])
 
@@ -409,8 +487,11 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
     ) -> None:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         z, clock, p = car[:OWN_CLOCK], car[OWN_CLOCK:OWN_FIXED], car[OWN_FIXED:DT]
-        step, table = car[DT] / int(car[SUBSTEPS]), car[TABLE:]
-        start_car(z, clock, p, 1, 0, uniforms, given, nominal, draws, targets, table, step, seen)
+        dt, table = car[DT], car[TABLE:]
+        step = dt / int(car[SUBSTEPS])
+        start_car(
+            z, clock, p, 1, 0, uniforms, given, nominal, draws, targets, table, step, dt, seen
+        )
 
     @kernel(nogil=False)
     def step_one(car: Any, action: Any, seen: Any, push: Any) -> Any:
@@ -426,7 +507,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         fixed = load(car, OWN_FIXED, 1, 0, FIXED)
         dt, n, table = car[DT], int(car[SUBSTEPS]), car[TABLE:]
         given = (first, last)
-        c = command_of(given, fixed.actuator)
+        c = later(car, LATER, 1, 0, command_of(given, fixed.actuator))
         x, w = load(car, X, 1, 0, STATE), load(car, W, 1, 0, PHASORS)
         t = time.start + time.elapsed * dt
         x, w, kink, next = drive(
@@ -438,13 +519,16 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         late = elapsed >= time.last and not out
         penalty = -fixed.penalty if out else 0.0
         done = 1.0 if out or late else 0.0
-        clock = Clock(elapsed, time.last, done, time.start, time.phase, float(kink), next)
+        clock = Clock(
+            elapsed, time.last, done, time.start, time.phase, float(kink), next, time.noise
+        )
         save(car, X, 1, 0, x)
         save(car, W, 1, 0, w)
         save(car, BEFORE_ROW, 1, 0, measured)
         save(car, OWN_CLOCK, 1, 0, clock)
         save(car, HELD, 1, 0, c)
-        entries = times(read(now, fixed), fixed.scales)
+        raw = read(now, fixed)
+        entries = read_by_sensors(car, 1, 0, raw, time.noise, elapsed, dt, fixed, False)
         for i in range(K):
             seen[i] = entry(entries[i])
         save(push, 0, 1, 0, forces_of(now))
@@ -519,6 +603,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
                 targets[counts[k, 1] : counts[k, 2]],
                 table_of(tables, bounds, i),
                 dt / n,
+                dt,
                 seen[i],
             )
             blocks[block, 1] = min(blocks[block, 1], quiet_of(clock, j, dt))
@@ -550,7 +635,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
                 time.start + time.elapsed * dt,
                 table_of(tables, bounds, i),
             )
-            entries = times(read(now, fixed), fixed.scales)
+            entries = shown(z, LANES, j, read(now, fixed), fixed)
             for k in range(K):
                 seen[i, k] = entry(entries[k])
 
@@ -571,12 +656,12 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         """Pass on what has been read of one car."""
         costs, out, measured = judge(now, load(z, BEFORE_ROW, LANES, j, BEFORE), fixed)
         save(s, COST, LANES, j, costs)
-        save(s, E, LANES, j, bounded(times(read(now, fixed), fixed.scales), OBSERVATION_LIMIT))
+        save(s, E, LANES, j, finished(read(now, fixed), fixed))
         save(s, U, LANES, j, forces_of(now))
         late = (clock[ELAPSED * LANES + j] >= clock[LAST * LANES + j]) & (not out)
         penalty = -fixed.penalty * out
         save(s, END, LANES, j, (out, late, penalty, negative_sum(costs) + penalty))
-        save(z, BEFORE_ROW, LANES, j, measured)
+        save(s, MEASURED, LANES, j, measured)
 
     @compiled_apart
     def inspect_one(z: Any, clock: Any, p: Any, s: Any, j: Any, dt: Any, table: Any) -> None:
@@ -778,7 +863,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             for j in range(lanes):
                 fixed = load(p, 0, LANES, j, FIXED)
                 action = (real(given[j, 0]), real(given[j, m - 1]))
-                command = command_of(action, fixed.actuator)
+                command = later(z, LATER, LANES, j, command_of(action, fixed.actuator))
                 save(s, C, LANES, j, command)
                 save(z, HELD, LANES, j, command)  # what is read again when others are reset
             crossing = False
@@ -827,6 +912,17 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
                     time = load(clock, 0, LANES, j, CLOCK)
                     if time.next <= time.start + time.elapsed * dt:
                         inspect_one(z, clock, p, s, j, dt, table_of(tables, own_bounds, j))
+            for i in range(MEMORY * LANES):  # after every car was read, some of them twice
+                z[BEFORE_ROW * LANES + i] = s[MEASURED * LANES + i]
+            if senses:
+                for j in range(lanes):
+                    fixed = load_wide(p, 0, LANES, j, FIXED)
+                    time = load(clock, 0, LANES, j, CLOCK)
+                    raw = load_wide(s, E, LANES, j, ENTRIES)
+                    read_now = read_by_sensors(
+                        z, LANES, j, raw, time.noise, time.elapsed, dt, fixed, False
+                    )
+                    save(s, E, LANES, j, bounded(read_now, OBSERVATION_LIMIT))
             over |= put_out(
                 s,
                 clock,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -203,7 +204,8 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         if given is not None:
             named = given.kwargs.get("scenario")
             if isinstance(named, Scenario):
-                given.kwargs["scenario"] = to_json(named)
+                with contextlib.suppress(ValueError):  # of a class that has no name of its own
+                    given.kwargs["scenario"] = to_json(named)
             given.max_episode_steps = self._base.steps
         self._spec = given
 

@@ -68,5 +68,6 @@ def _of_episode(episode: Episode) -> Bound:
     start = 0.0
     if episode.scenario.excitation.harmonic:
         start = episode.phase / episode.scenario.excitation.omega
-    found = episode_optimum(episode.scenario, state=episode.state, start=start)
+    dt = episode.scenario.dt  # the start itself is nobody's doing, and not measured
+    found = episode_optimum(episode.scenario, state=episode.state, start=start, after=dt)
     return Bound(lower=found.bound, upper=found.upper)

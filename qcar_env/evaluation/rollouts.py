@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.engine.cars import NEXT_STEP, Cars
+from qcar_env.engine.cars import NEXT_STEP, Cars, streams
 from qcar_env.envs import episode as task
 from qcar_env.evaluation import metrics
 from qcar_env.evaluation.policy import Policy, actions_of, check_policy
@@ -308,6 +308,7 @@ def _fleet(
                 f"(dt = {each.dt:g} s); roll them out apart"
             )
     cars = Cars(len(episodes), first)
+    cars.seed(np.arange(cars.n), streams(range(cars.n)))  # of what follows an end
     if others:
         cars.assign([(np.array(members[key]), each.source) for key, each in plans.items()])
     return cars, first.scenario

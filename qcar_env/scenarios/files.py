@@ -7,12 +7,13 @@ import importlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
+from types import FunctionType
 from typing import Any, cast
 
 from qcar_env.parts import actuator, damper, sensor, spring, tyre
 from qcar_env.parts.part import Part
 from qcar_env.physics import car, external_force
-from qcar_env.roads import iso8608, measured, shapes, train
+from qcar_env.roads import functions, iso8608, measured, shapes, train
 from qcar_env.scenarios import randomise, reference
 from qcar_env.scenarios.presets import SCENARIOS
 from qcar_env.scenarios.scenario import Scenario
@@ -21,10 +22,11 @@ from qcar_env.validation import known, shown
 _HOMES = (
     *(spring, damper, tyre, actuator, sensor),
     *(car, external_force),
-    *(shapes, train, measured, iso8608),
+    *(shapes, train, measured, iso8608, functions),
     *(randomise, reference),
 )
 KIND = "kind"  # the key that names a record's class
+FUNCTION = "function"  # the only key of a record that names a function
 
 
 def kinds() -> dict[str, type]:
@@ -57,23 +59,27 @@ def as_record(value: Any) -> Any:
         return [as_record(each) for each in value]  # pyright: ignore
     if value is None or isinstance(value, (str, bool, int, float)):
         return value
-    raise ValueError(
-        f"{shown(value)} cannot be written down; give numbers, or sample a function: "
-        "SampledRoad.from_function"
-    )
+    if isinstance(value, FunctionType):
+        return {FUNCTION: _place(value)}
+    raise ValueError(f"{shown(value)} cannot be written down; give numbers and texts")
 
 
 def _name(kind: type) -> str:
     for base in kind.__mro__:  # a train's class is made for its shape
         if kinds().get(base.__name__) is base:
             return base.__name__
-    place = f"{kind.__module__}:{kind.__qualname__}"
-    if "<locals>" in place or kind.__module__ == "__main__":
+    return _place(kind)
+
+
+def _place(named: Any) -> str:
+    """Return where a class or function is found again, as ``module:name``."""
+    name = named.__qualname__
+    if "<" in name or named.__module__ == "__main__":
         raise ValueError(
-            f"class {kind.__qualname__} cannot be found again by its name; define it at the top of "
-            "a module that can be imported"
+            f"{name} cannot be found again by its name; define it at the top of a module that can "
+            "be imported (a road from a function can be sampled: SampledRoad.from_function)"
         )
-    return place
+    return f"{named.__module__}:{name}"
 
 
 def from_record(record: Mapping[str, Any]) -> Scenario:
@@ -112,6 +118,8 @@ def _build(kind: type, record: Any, where: str) -> Any:
 def _value(value: Any, where: str) -> Any:
     if isinstance(value, Mapping):
         record = cast("Mapping[str, Any]", value)
+        if set(record) == {FUNCTION}:
+            return _found(record[FUNCTION], where)
         if KIND not in record:
             return {name: _value(each, f"{where}.{name}") for name, each in record.items()}
         return _build(_kind(record[KIND], where), record, where)
@@ -122,17 +130,23 @@ def _value(value: Any, where: str) -> Any:
 
 def _kind(name: Any, where: str) -> type:
     if isinstance(name, str) and ":" in name:
-        module, _, place = name.partition(":")
-        try:
-            found: Any = importlib.import_module(module)
-            for each in place.split("."):
-                found = getattr(found, each)
-        except (ImportError, AttributeError) as error:
-            raise ValueError(f"{where} names {name!r}, which is not there: {error}") from None
+        found = _found(name, where)
         if not (isinstance(found, type) and issubclass(found, Part)):
             raise ValueError(f"{where} names {name!r}, which is no part; give a subclass of Part")
         return found
     return kinds()[known(f"kind of {where}", name, kinds())]
+
+
+def _found(name: Any, where: str) -> Any:
+    """Return what stands at a place ``module:name``."""
+    module, _, place = str(name).partition(":")
+    try:
+        found: Any = importlib.import_module(module)
+        for each in place.split("."):
+            found = getattr(found, each)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ValueError(f"{where} names {name!r}, which is not there: {error}") from None
+    return found
 
 
 def to_json(scenario: Scenario) -> str:

@@ -10,7 +10,14 @@ import numpy as np
 
 from qcar_env.engine.cars import Source
 from qcar_env.engine.course import road_functions
-from qcar_env.engine.starts import FIRST_DRAWS, MOTION_DRAWS, Nominal, Reference as Amplitudes
+from qcar_env.engine.sensing import Sensed
+from qcar_env.engine.starts import (
+    FIRST_DRAWS,
+    MOTION_DRAWS,
+    NOISE_DRAWS,
+    Nominal,
+    Reference as Amplitudes,
+)
 from qcar_env.engine.stepping import Composition
 from qcar_env.physics import tree
 from qcar_env.physics.signals import Signal
@@ -121,8 +128,24 @@ class Plan:
             actuator=type(self.scenario.actuator),
             observed=self.observed,
             terms=tuple(type(each) for each in self.terms),
+            delay=self.scenario.intervals("delay", self.scenario.actuator.delay),
+            sensed=tuple(self._sensed(each) for each in self.observed),
             like=self.nominal,
         )
+
+    def _sensed(self, signal: Signal) -> Sensed | None:
+        """Return the sensor through which a signal is read, if the scenario has one for it."""
+        scenario = self.scenario
+        for which, each in enumerate(scenario.sensors):
+            if each.signal == signal.name and self.unscaled is None:
+                return Sensed(
+                    which,
+                    type(each),
+                    scenario.intervals("delay", each.delay),
+                    max(1, scenario.intervals("period", each.period)),
+                    each.cutoff > 0.0,
+                )
+        return None
 
     @cached_property
     def _source(self) -> Source:
@@ -133,7 +156,8 @@ class Plan:
             if path.startswith("numbers.")
         }
         draws, targets = arrays(self.scenario.randomisation, inside)
-        first = max(FIRST_DRAWS, len(self.scenario.randomisation))
+        noise = NOISE_DRAWS if any(self.composition.sensed) else 0
+        first = max(FIRST_DRAWS, len(self.scenario.randomisation)) + noise
         return Source(
             row=np.array(tree.flat(self.nominal), dtype=np.float64) + 0.0,  # no negative zero
             draws=draws if len(draws) else np.zeros((1, 3)),

@@ -106,7 +106,8 @@ def _limits(scenario: Scenario) -> tuple[float, ...]:
 
 def _plain(scenario: Scenario) -> Scenario:
     """Return the scenario without what does not change its uncontrolled motion."""
-    return dataclasses.replace(scenario, name="", title="", source="", randomisation=())
+    plain = {"name": "", "title": "", "source": ""}
+    return dataclasses.replace(scenario, **plain, randomisation=(), sensors=())
 
 
 @lru_cache(maxsize=1024)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from qcar_env.engine.starts import Force, Numbers, vary
 from qcar_env.parts.actuator import Actuator
+from qcar_env.parts.sensor import Sensor
 from qcar_env.physics import tree
 from qcar_env.physics.car import Car
 from qcar_env.physics.external_force import ExternalForce
@@ -50,6 +51,8 @@ class Scenario:
         External force on the body.
     actuator : Actuator
         What makes the control force, and how hard it can push.
+    sensors : sequence of Sensor
+        Through which a policy reads their signals; every other signal is read as it is.
     randomisation : sequence of Vary
         What varies from episode to episode, always from these numbers.
     dt : float
@@ -84,6 +87,7 @@ class Scenario:
     speed: float
     force: ExternalForce = field(default_factory=ExternalForce)
     actuator: Actuator
+    sensors: tuple[Sensor, ...] = ()
     randomisation: tuple[Vary, ...] = ()
     dt: float = 0.005
     substeps: int = 4
@@ -109,6 +113,7 @@ class Scenario:
         store(
             self,
             randomisation=varied,
+            sensors=_checked_sensors(self.sensors),
             dt=positive("dt", self.dt, "s"),
             substeps=whole("substeps", self.substeps, most=MOST_SUBSTEPS),
             duration=positive("duration", self.duration, "s"),
@@ -130,16 +135,37 @@ class Scenario:
                 "an actuator rated in newtons needs a car with masses, got a PaperCar; "
                 "make the car with QuarterCar"
             )
-        if self.actuator.delay > 0.0:
-            raise ValueError(
-                f"delay of the actuator must be 0 s, got {self.actuator.delay:g} s, as fleets hold "
-                "no command back; give a lag instead"
-            )
         index = tree.paths(self.numbers)
         for each in varied:
             for path in each.numbers:
                 known("number of the scenario", path, index)
+                if path.rpartition(".")[2] in ("delay", "period"):
+                    raise ValueError(
+                        f"{path} must be the same in all episodes, as it says how much is "
+                        "remembered; make a scenario for each"
+                    )
+        self.intervals("delay of the actuator", self.actuator.delay)
+        for each in self.sensors:
+            self.intervals(f"delay of the sensor of {each.signal}", each.delay)
+            self.intervals(f"period of the sensor of {each.signal}", each.period)
         check_step(self)
+
+    def intervals(self, name: str, time: float) -> int:
+        """Return a time [s] in whole control intervals.
+
+        Raises
+        ------
+        ValueError
+            If it is no whole number of them, or more than an episode has.
+        """
+        count = round(time / self.dt)
+        if abs(count * self.dt - time) > 1e-9 * self.dt or count > self.steps:
+            raise ValueError(
+                f"{name} must be a whole number of control intervals of {self.dt:g} s within an "
+                f"episode of {self.duration:g} s, got {time:g} s; give {count * self.dt:g} s, or "
+                "another dt"
+            )
+        return count
 
     @property
     def steps(self) -> int:
@@ -155,9 +181,9 @@ class Scenario:
     def numbers(self) -> Numbers:
         """All numbers that can vary, by name."""
         force = Force(float(self.force.f), float(self.force.Omega))
-        return Numbers(
-            self.car.numbers, self.road.numbers, self.speed, force, self.actuator.numbers
-        )
+        sensors = tuple(each.numbers for each in self.sensors)
+        parts = self.car.numbers, self.road.numbers, self.speed, force, self.actuator.numbers
+        return Numbers(*parts, sensors)
 
     @property
     def reference(self) -> Reference:
@@ -214,6 +240,18 @@ class Scenario:
         changed = {path for each in self.randomisation for path in each.numbers}
         fixed = dataclasses.replace(self, randomisation=())
         return fixed.replaced({path: float(row[index[path]]) for path in changed})
+
+
+def _checked_sensors(given: Any) -> tuple[Sensor, ...]:
+    sensors = (given,) if isinstance(given, Sensor) else tuple(given or ())
+    for each in sensors:
+        instance("sensor", each, Sensor)
+    names = [each.signal for each in sensors]
+    if len(set(names)) != len(names):
+        raise ValueError(
+            f"sensors must read different signals, got {', '.join(names)}; give one for each"
+        )
+    return sensors
 
 
 def _replaced(part: Any, path: list[str], value: float) -> Any:

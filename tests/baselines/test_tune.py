@@ -52,6 +52,14 @@ def test_a_seed_decides_and_the_search_improves():
     assert set(first.gains) == {"G1", "G2"}
 
 
+def test_gains_are_tuned_on_a_road_without_periods_too():
+    hump = dataclasses.replace(
+        BUDGET, name="hump", scenario="mathworks-hump", duration=1.5, periods=None, episodes=2
+    )
+    found = tune.tune("skyhook", hump, 1.0, population=5)
+    assert found.validation_rho <= tune.validate("skyhook", {"G": 0.1}, hump, 1.0)
+
+
 def test_training_never_sees_the_held_out_crossings(monkeypatch):
     asked = []
     original = tune.episodes

@@ -21,7 +21,7 @@ from qcar_env.physics import tree
 from qcar_env.physics.car import PaperCar, QuarterCar
 from qcar_env.physics.closed_loop import ControlledState, LoopNumbers, loop_functions
 from qcar_env.physics.external_force import ExternalForce
-from qcar_env.physics.motion import Phasor, Phasors, turning, turning_step
+from qcar_env.physics.motion import Phasor, Phasors, given_step, turning, turning_step
 from qcar_env.physics.rk4 import step_fractions
 from qcar_env.physics.state import State
 from qcar_env.roads import excitation as roads
@@ -79,6 +79,13 @@ def in_plain_python(one, what, steps):
     for k in range(steps):
         states.append(tree.flat(x))
         t, end, usual = k * step.full, (k + 1) * step.full, fixed.turning
+        if next >= end and what.road.pieces is None:
+            on_road = (
+                on.reading(each * step.full, kink, w, fixed, table)[2].road
+                for each in (k, k + 0.5, k + 1)
+            )
+            x, w = given_step(loop.rate, x, w, usual, step, *on_road, (0.0, 0.0), fixed)
+            continue
         if next >= end:
             x, w = advance(x, w, usual, STEP, t)
             continue

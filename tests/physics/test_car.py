@@ -59,9 +59,7 @@ def test_no_real_car_with_the_lighter_wheel_is_the_papers_worst_case(m1, ratio, 
 
 @given(omega=st.floats(1.0, 100.0), zeta=st.floats(0.0, 2.0))
 def test_damping_ratio_is_that_of_the_mass_alone(omega, zeta):
-    car = QuarterCar(
-        **PAPER | {"omega1": omega, "omega2": omega, "b1": 2 * zeta * omega, "b2": 0.0}
-    )
+    car = PaperCar(**PAPER | {"omega1": omega, "omega2": omega, "b1": 2 * zeta * omega, "b2": 0.0})
     # x'' + 2 zeta omega x' + omega^2 x = 0; three roundings
     assert car.damping_ratios == pytest.approx((zeta, 0.0), rel=1e-15)
 
