@@ -88,9 +88,10 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
 
     A quarter of the episodes starts from rest, the others with amplitudes between 0.01 and 1.5 of
     the uncontrolled ones, with random phases of the masses and, on an endless sine, of the road,
-    which `info["phase"]` has. `reset(options=...)` fixes them: `state` (x1, x2, v1, v2) in SI units,
-    `phase` of the road in rad; `force_scale` and `scenario` (a name or a `Scenario` made of the same
-    classes of parts) hold for this and the following episodes.
+    which `info["phase"]` has. `reset(options=...)` fixes them: `state` (x1, x2, v1, v2) in SI
+    units, `phase` of the road in rad; `force_scale` and `scenario` (a name or a `Scenario` with as
+    many actuators, in the vector environment also of the same classes of parts) hold for this and
+    the following episodes.
 
     What a scenario lets vary (`Scenario.randomisation`: any of its numbers, by its path, with a
     distribution) is drawn anew for each episode, always from the nominal numbers.
@@ -128,9 +129,10 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     - `duration`: length of an episode in seconds, instead of the scenario's;
     - `render_mode`: see rendering.
 
-    `env.unwrapped.force_scale` and `env.unwrapped.scenario` can be set (`set_wrapper_attr` of
-    Gymnasium, `set_attr` of vector environments); both hold from the next reset on. A scenario of
-    other parts, or with another number of actuators, is refused: it needs a new environment.
+    `env.unwrapped.force_scale` and `env.unwrapped.scenario` can be set (`set_wrapper_attr` and
+    `set_attr` of Gymnasium); both hold from the next reset on. Stable-Baselines3's `set_attr` sets
+    the attribute of its outermost wrapper instead, which nothing reads: there,
+    ``env_method("set_wrapper_attr", "force_scale", 0.5)`` or ``set_options({"force_scale": 0.5})``.
 
     ## Version history
 
@@ -174,10 +176,11 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         plan = self._settings.plan(named, scale)
         if not hasattr(self, "_car"):
             self._car = Car(plan)
-        elif plan.composition != self._car.plan.composition:
+        size = plan.scenario.actuator.size
+        if size != self._car.actions:
             raise ValueError(
-                f"scenario {named.name!r} is made of other parts than this environment's, or has "
-                "another number of actuators; make a new environment for it"
+                f"scenario {named.name!r} has {size} actuator(s), this environment "
+                f"{self._car.actions}; make a new environment for it"
             )
         self._plan, self._named, self._force_scale = plan, named, scale
         self._base = plan.scenario
@@ -210,7 +213,7 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     def scenario(self) -> Scenario:
         """The scenario that episodes are drawn from, with this environment's limit and duration.
 
-        Another one can be set, of the same parts; it holds from the next reset on.
+        Another one can be set, with as many actuators; it holds from the next reset on.
         """
         return self._base
 
@@ -294,7 +297,9 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
             given[4] = finite("phase", options["phase"], "rad")
         if changed:
             self._take(named, scale)
-        if self._car.plan is not self._plan:
+        if self._plan.composition != self._car.plan.composition:
+            self._car = Car(self._plan)
+        elif self._plan is not self._car.plan:
             self._car.take(self._plan)
         super().reset(seed=seed)  # nothing is drawn before every option is known to be good
         self._uniforms = self.np_random.random(self._plan.source.uniforms)

@@ -57,15 +57,15 @@ def test_a_step_under_a_damped_tyre_kicks_the_wheel():
     poles = np.polysub(
         np.polymul([m2, c2, k2], [m1, c1 + c2, k1 + k2]), np.polymul([c2, k2], [c2, k2])
     )
-    t = np.arange(0.005, 3.0, 0.005)
+    t = 0.005 * np.arange(600)
     expected = h * signal.step(([-m2 * c1, -m2 * k1, 0, 0], poles), T=t)[1]
     bus = own(
         QuarterCar.from_physical(**BUS), excitation.step(h=h), duration=5.0, travel_limit=10.0
     )
     env = QuarterCarHumpEnv(bus)
     env.reset(seed=0, options=REST)
-    travel = []
-    for _ in t:
+    travel = [0.0]
+    for _ in t[1:]:
         env.step(idle(env))
         travel.append(env.state.x2 - env.state.x1)
     # RK4 with steps of 1.25 ms on a pole of 45 1/s
@@ -185,18 +185,22 @@ def test_a_force_scale_that_is_set_and_read_back_is_in_effect():
     assert half(sync).tolist() == [[140.0, 16.5]] * 2
 
 
-def test_attributes_set_through_stable_baselines3_are_in_effect():
+def test_attributes_can_be_set_through_stable_baselines3():
+    """Its own `set_attr` sets the attribute of Monitor, its wrapper, which nobody reads."""
     util = pytest.importorskip("stable_baselines3.common.env_util")
     many = util.make_vec_env(ID, 2)
-    many.set_attr("force_scale", 0.5)
+    many.env_method("set_wrapper_attr", "force_scale", 0.5)
+    many.env_method("set_wrapper_attr", "scenario", "paper-hump")
     many.reset()
     infos = many.step(np.ones((2, 2), np.float32))[3]
     assert many.get_attr("force_scale") == [0.5, 0.5]
     assert infos[0]["force"].tolist() == [140.0, 16.5]
-    many.set_attr("scenario", "paper-randomised")
+    assert [each.name for each in many.get_attr("scenario")] == ["paper-hump"] * 2
+    assert many.envs[0].unwrapped.episode.name == "paper-hump"
+    many.set_options({"force_scale": 0.25})
     many.reset()
-    assert [each.name for each in many.get_attr("scenario")] == ["paper-randomised"] * 2
-    assert many.envs[0].unwrapped.episode.randomisation == ()
+    infos = many.step(np.ones((2, 2), np.float32))[3]
+    assert infos[0]["force"].tolist() == [70.0, 8.25]
 
 
 @pytest.mark.parametrize(
