@@ -33,8 +33,8 @@ SHORT = "--short" in sys.argv
 # ## The car
 #
 # A small car's corner: 250 kg of body on 35 kg of wheel. Its two modes are a factor of nine apart;
-# in every car in print it is 7.5 to 17. The method is the paper's, so the car is a `PaperCar`: linear,
-# by its coefficients.
+# in every car in print it is 7.5 to 17. The method is the paper's, so the car is a `PaperCar`:
+# linear, by its coefficients.
 
 # %%
 car = PaperCar.from_physical(m1=35.0, m2=250.0, k1=180e3, k2=18e3, c1=50.0, c2=900.0)
