@@ -40,6 +40,7 @@ from qcar_env.engine.starts import (
     CIRCLE,
     MOTION_DRAWS,
     NOISE_DRAWS,
+    OBSERVATION_LIMIT,
     Clock,
     Fixed,
     Force,
@@ -65,12 +66,11 @@ from qcar_env.physics.tree import alike, bounded, flat, times, unflat
 
 NEVER = 2**62  # [intervals] a kink that does not come
 RESEED = 64  # [intervals] after which phasors in single precision are computed anew
-OBSERVATION_LIMIT = 10.0  # [-] bound of every entry; travel ends an episode long before
 
 FINE, OVER, NOT_FINITE, WRONG_SHAPE = 0, 1, -1, -2  # codes of a step
 HIGHEST = np.finfo(np.float32).max  # an action beyond is not a finite number
 
-for _each in (four_turning_steps, given_step):
+for _each in (four_turning_steps, given_step, uniform):
     compiled(_each)
 
 
