@@ -455,7 +455,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             reference.penalty,
         )
         kink = 0
-        while next_kink(kink, made, numbers.speed, table) <= start:
+        while next_kink(kink, made, numbers.speed, table) < start:  # one at the start kicks
             kink += 1
         next = next_kink(kink, made, numbers.speed, table)
         w = Phasors(phasor_at(start, kink, made), angle(force.Omega * start))
