@@ -511,6 +511,8 @@ class Cars:
         """Memory of the actuators, shape (n, k); k is 0 where they have none."""
         row = self.kernels.moving.row("state")
         count = self.kernels.moving.row("phasors") - row - 4
+        if count == 0:
+            return np.empty((self.n, 0))
         return columns(self._slabs, row + 4, count, self.n).T
 
     def stagger(self, elapsed: NDArray[np.int64]) -> None:

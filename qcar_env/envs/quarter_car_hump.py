@@ -336,8 +336,10 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         car = self._car
         observation, force = _empty(car.size, SHOWN), _empty(car.actions)
         try:
+            if action.dtype is not SHOWN:  # numba would read swapped bytes as they lie
+                raise TypeError
             outcome = car.advance(car.array, action, observation, force)
-        except TypeError:  # no array of float32
+        except (TypeError, AttributeError):  # no array of float32
             checked = task.checked_actions("action", action, self._action_shape, "actuator")
             return self.step(checked)
         if outcome[0]:

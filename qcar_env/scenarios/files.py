@@ -65,9 +65,11 @@ def as_record(value: Any) -> Any:
 
 
 def _name(kind: type) -> str:
-    for base in kind.__mro__:  # a train's class is made for its shape
-        if kinds().get(base.__name__) is base:
-            return base.__name__
+    known_one = kinds().get(kind.__name__, type(None))
+    # a train's class is made for its shape, below the one that has its name; a class of one's own
+    # below one of the library is another
+    if issubclass(kind, known_one) and kind.__module__ == known_one.__module__:
+        return kind.__name__
     return _place(kind)
 
 

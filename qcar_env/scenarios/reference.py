@@ -151,7 +151,8 @@ def _check_moves(amplitudes: tuple[float, float]) -> None:
     if min(amplitudes) <= 0.0:
         raise ValueError(
             f"the uncontrolled car must move, got amplitudes {amplitudes} m; "
-            "give the road a height h or the external force an amplitude f"
+            "give the road a height h, the external force an amplitude f, or the episode a longer "
+            "duration"
         )
 
 

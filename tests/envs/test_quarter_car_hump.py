@@ -567,7 +567,7 @@ def test_a_step_after_the_end_is_refused():
 
 
 def test_a_scenario_of_ones_own_serves_as_well():
-    mine = dataclasses.replace(HUMP, name="mine", duration=0.1)
+    mine = dataclasses.replace(HUMP, name="mine", duration=2.0)
     env = gym.make(ID, scenario=mine)
     env.reset(seed=0)
     assert env.unwrapped.scenario == mine
