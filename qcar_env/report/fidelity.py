@@ -16,7 +16,7 @@ from qcar_env.evaluation.tables import markdown
 from qcar_env.scenarios import Scenario
 
 LIMITS = (1, 5, 10, 20)  # [rad/s] of |sigma| in the table of errors
-PROOFS = "`tests/analysis/test_averaging.py`"
+PROOFS = "`tests/analysis/paper/test_averaging.py`"
 # The printed paper's errors, and what shows each.
 ERRATA = (
     ("(17), (22), (26), (30)", "E3/omega2 should be E3/(2 omega2)", PROOFS),
@@ -27,12 +27,12 @@ ERRATA = (
     (
         "section 4.4",
         "'both eigenvalues' of a 4 x 4 matrix: all four; the Routh-Hurwitz conditions are right",
-        "`tests/analysis/test_stability.py`",
+        "`tests/analysis/paper/test_stability.py`",
     ),
     (
         "(2), E3",
-        "Newton's third law needs k2 x1, so E3 = k2/m2; with k1/m2 the car can gain energy at rest",
-        "`QuarterCar.from_physical`",
+        "Newton's third law needs k2 x1, so E3 = k2/m2; with k1/m2 the car rests at x1 = (k1/k2) h on a road of height h",
+        "`PaperCar.from_physical`",
     ),
 )
 UNSTATED = (
