@@ -66,8 +66,8 @@ def test_every_folder_of_the_library_is_a_package():
         ("qcar_env/analysis/newton.py", "import qcar_env.analysis.paper.table1", "The paper's"),
         ("qcar_env/unplaced.py", "import math", "Inside the library"),
         ("qcar_env/control/cnvc.py", "import torch", "Only agents"),
-        ("qcar_env/scenarios.py", "from stable_baselines3 import PPO", "Only agents"),
-        ("qcar_env/physics/roads.py", "import matplotlib.pyplot", "Only plots"),
+        ("qcar_env/scenarios/scenario.py", "from stable_baselines3 import PPO", "Only agents"),
+        ("qcar_env/physics/car.py", "import matplotlib.pyplot", "Only plots"),
         ("qcar_env/control/cnvc.py", "import pygame", "Only rendering"),
         (
             "qcar_env/control/cnvc.py",

@@ -20,8 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.engine.compile import compiled
-
 MULTIPLIER_HIGH = np.uint64(0x2360ED051FC65DA4)
 MULTIPLIER_LOW = np.uint64(0x4385DF649FCCF645)
 HALF = np.uint64(0xFFFFFFFF)
@@ -49,7 +47,6 @@ def streams(seeds: Iterable[int | None]) -> NDArray[np.uint64]:
     return np.array(words, dtype=np.uint64).reshape(-1, 4)
 
 
-@compiled
 def uniform(states: Any, i: Any) -> Any:
     """Draw from [0, 1) with stream `i` of `states`, and advance it."""
     high, low = states[i, 0], states[i, 1]
@@ -65,7 +62,6 @@ def uniform(states: Any, i: Any) -> Any:
     return np.float64(word >> BITS_11) * UNIT
 
 
-@compiled
 def _high_product(a: Any, b: Any) -> Any:
     """Return the upper 64 bits of the 128-bit product of two 64-bit words."""
     a_high, a_low = a >> BITS_32, a & HALF
@@ -126,7 +122,6 @@ _FAR = (
 )
 
 
-@compiled
 def _ratio(r: Any, a: Any) -> Any:
     above, below = 0.0, 0.0
     for i in range(3, -1, -1):
@@ -136,7 +131,6 @@ def _ratio(r: Any, a: Any) -> Any:
     return above / below
 
 
-@compiled
 def standard(u: Any) -> Any:
     """Return the standard normal number below which a share `u` of all lies.
 

@@ -1,4 +1,7 @@
-"""How an episode begins: what is drawn, and the numbers that stay the same until its end."""
+"""How an episode begins: what is drawn, and the numbers that stay the same until its end.
+
+Plain Python, compiled where `qcar_env.engine.stepping` calls it.
+"""
 
 # pyright: basic
 # numba has no types for what it compiles.
@@ -8,7 +11,6 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from qcar_env.engine.compile import compiled
 from qcar_env.engine.random import standard
 
 FIRST_DRAWS = 6  # uniform numbers before those of the motion, at least: as in version 0.1.0
@@ -20,6 +22,8 @@ START_RANGE = (0.01, 1.5)  # [-] of start amplitudes over the uncontrolled ones,
 LOG_START = math.log(START_RANGE[0])
 LOG_RANGE = math.log(START_RANGE[1]) - math.log(START_RANGE[0])
 CIRCLE = 2.0 * math.pi  # [rad]
+
+OBSERVATION_LIMIT = 10.0  # [-] bound of every entry; travel ends an episode long before
 
 UNIFORM, LOG_UNIFORM, NORMAL, CHOICE = range(4)  # kinds of distribution
 
@@ -167,7 +171,3 @@ def drawn_motion(uniforms: Any, first: Any, reference: Any) -> tuple[Any, Any, A
         -reference.omega1 * a1 * math.sin(psi1),
         -reference.omega2 * a2 * math.sin(psi2),
     )
-
-
-for _each in (drawn, vary, drawn_motion):
-    compiled(_each)

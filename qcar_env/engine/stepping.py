@@ -40,6 +40,7 @@ from qcar_env.engine.starts import (
     CIRCLE,
     MOTION_DRAWS,
     NOISE_DRAWS,
+    OBSERVATION_LIMIT,
     Clock,
     Fixed,
     Force,
@@ -61,16 +62,15 @@ from qcar_env.physics.plant import PlantState, plant_functions
 from qcar_env.physics.rk4 import Step, step_fractions
 from qcar_env.physics.signals import Moment, Signal
 from qcar_env.physics.state import State
-from qcar_env.physics.tree import bounded, flat, times
+from qcar_env.physics.tree import alike, bounded, flat, times, unflat
 
 NEVER = 2**62  # [intervals] a kink that does not come
 RESEED = 64  # [intervals] after which phasors in single precision are computed anew
-OBSERVATION_LIMIT = 10.0  # [-] bound of every entry; travel ends an episode long before
 
 FINE, OVER, NOT_FINITE, WRONG_SHAPE = 0, 1, -1, -2  # codes of a step
 HIGHEST = np.finfo(np.float32).max  # an action beyond is not a finite number
 
-for _each in (four_turning_steps, given_step):
+for _each in (four_turning_steps, given_step, uniform):
     compiled(_each)
 
 
@@ -95,8 +95,7 @@ class Composition:
         """Compare classes and shapes."""
         if not isinstance(other, Composition):
             return False
-        same = len(flat(self.like)) == len(flat(other.like))
-        return same and self._classes == other._classes
+        return self._classes == other._classes and alike(self.like, other.like)
 
     @property
     def _classes(self) -> tuple[Any, ...]:
@@ -146,7 +145,9 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         Runge-Kutta steps; there must be one step in an interval then.
     """
     real = np.float32 if single else np.float64
-    car, kind, like = what.car, what.actuator, what.like
+    # Their values must not reach the key under which compiled code is stored.
+    like: Any = unflat(what.like, (1.0,) * len(flat(what.like)))
+    car, kind = what.car, what.actuator
     road = course(what.road, car)
     plant = plant_functions(car, kind)
     m, K, T = kind.size, len(what.observed), len(what.terms)
@@ -455,7 +456,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             reference.penalty,
         )
         kink = 0
-        while next_kink(kink, made, numbers.speed, table) < start:  # one at the start kicks
+        while next_kink(kink, made, numbers.speed, table) < start:  # one right now is to come
             kink += 1
         next = next_kink(kink, made, numbers.speed, table)
         w = Phasors(phasor_at(start, kink, made), angle(force.Omega * start))

@@ -10,7 +10,7 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.engine.stepping import OBSERVATION_LIMIT
+from qcar_env.engine.starts import OBSERVATION_LIMIT
 from qcar_env.envs.reward import Reward, Term, reward_of
 from qcar_env.physics.signals import Signal, signal
 from qcar_env.physics.state import State

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from qcar_env.engine import cars as batch
 from qcar_env.engine.linear_cars import LinearCars, check_linear
 from qcar_env.engine.random import streams
-from qcar_env.engine.stepping import OBSERVATION_LIMIT
+from qcar_env.engine.starts import OBSERVATION_LIMIT
 from qcar_env.envs import episode as task
 from qcar_env.envs.picture import Picture, forces
 from qcar_env.physics.state import State

@@ -64,6 +64,14 @@ def unflat(like: Any, entries: Any) -> Any:
     return build(like)
 
 
+def alike(a: Any, b: Any) -> bool:
+    """Return whether two trees are made of the same kinds of tuples, whatever their numbers."""
+    if not (isinstance(a, tuple) and isinstance(b, tuple)):
+        return not isinstance(a, tuple) and not isinstance(b, tuple)
+    same = type(a) is type(b) and len(a) == len(b)  # pyright: ignore[reportUnknownArgumentType]
+    return same and all(alike(c, d) for c, d in zip(a, b, strict=True))
+
+
 def paths(tree: Any, before: str = "") -> dict[str, int]:
     """Return where each entry of a named tuple lies in `flat`, by its dotted path."""
     found: dict[str, int] = {}

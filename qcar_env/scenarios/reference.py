@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.engine.stepping import OBSERVATION_LIMIT
+from qcar_env.engine.starts import OBSERVATION_LIMIT
 from qcar_env.physics import linear
 from qcar_env.physics.signals import SIGNALS, Signal
 from qcar_env.validation import non_negative, positive, store
