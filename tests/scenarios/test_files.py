@@ -11,6 +11,7 @@ from qcar_env import SCENARIOS, scenario
 from qcar_env.parts.actuator import LaggedSuspensionActuator, SemiActiveDamper, SuspensionActuator
 from qcar_env.parts.damper import BilinearDamper, LinearDamper
 from qcar_env.parts.part import number
+from qcar_env.parts.sensor import Sensor
 from qcar_env.parts.spring import CubicSpring, LinearSpring, NoStops, Stops
 from qcar_env.parts.tyre import LiftOffTyre, LinearTyre
 from qcar_env.physics.car import PaperCar, QuarterCar
@@ -97,6 +98,10 @@ ANY = st.builds(
     force=st.builds(ExternalForce, f=between(-9.0, 9.0), Omega=between(0.0, 99.0)),
     actuator=ACTUATORS,
     randomisation=st.lists(st.builds(Vary, by=DISTRIBUTIONS, numbers=VARIED), max_size=2),
+    sensors=st.just(())
+    | st.builds(Sensor, signal=st.just("x1"), noise=between(0.0, 1.0), delay=st.just(0.004)).map(
+        lambda each: (each,)
+    ),
     duration=between(1.0, 9.0),
     dt=st.just(0.002),
     scales=STATED,
@@ -185,6 +190,11 @@ def test_what_cannot_be_found_again_is_refused_when_it_is_written():
 def test_an_error_says_where_and_what(text, message):
     with pytest.raises(ValueError, match=message):
         files.from_text(text)
+
+
+def test_a_record_of_another_kind_is_refused():
+    with pytest.raises(ValueError, match="scenario must be a table of numbers, got"):
+        files.from_record([1, 2])
 
 
 def test_an_error_in_a_file_names_the_file(tmp_path):

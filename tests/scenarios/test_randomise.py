@@ -9,6 +9,7 @@ from hypothesis import given, strategies as st
 from scipy import stats
 
 from qcar_env import SCENARIOS, scenario
+from qcar_env.engine.sensing import hashed
 from qcar_env.physics.car import PaperCar
 from qcar_env.scenarios import Choice, LogUniform, Normal, Uniform, Vary
 from qcar_env.scenarios.randomise import body_mass_of_paper_car, wheel_mass_of_paper_car
@@ -45,6 +46,16 @@ def test_values_are_finite_at_both_ends(mine):
 def test_a_choice_takes_each_value_alike(u):
     values = (3.0, 1.0, 4.0, 1.5)
     assert Choice(values=values).value(u) == values[int(4 * u)]
+
+
+def test_the_noise_of_sensors_is_uniform_and_of_one_episode_each():
+    pairs = [(u, s) for u in (0.1, 0.7) for s in (0, 1)]
+    with np.errstate(over="ignore"):  # products of 64 bits wrap around, as they should
+        drawn = np.array([[hashed(u, k, s) for k in range(400)] for u, s in pairs])
+    assert len(np.unique(drawn)) == drawn.size
+    assert stats.kstest(drawn.ravel(), "uniform").pvalue > 1e-3
+    correlation = np.corrcoef(drawn)
+    assert np.abs(correlation[np.triu_indices(4, 1)]).max() < 0.2  # 4 of 1 / sqrt(400)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -10,7 +11,7 @@ from scipy.integrate import solve_ivp
 from qcar_env import SCENARIOS, scenario
 from qcar_env.physics import linear
 from qcar_env.physics.external_force import ExternalForce
-from qcar_env.physics.signals import signal
+from qcar_env.physics.signals import SIGNALS, signal
 from qcar_env.roads import excitation
 from qcar_env.roads.shapes import HalfSine, Sine
 from qcar_env.roads.train import Train
@@ -87,6 +88,23 @@ def test_humps_may_touch(gap):
         shape = HalfSine(h=0.1, wavenumber=wavenumber, start=0.3)
         found = dataclasses.replace(HUMP, road=Train(shape=shape, count=4, gap=gap), speed=1.0)
         assert min(found.reference.amplitudes) > 0.0
+
+
+@pytest.mark.parametrize("name", ["mathworks-hump", "paper-step"])
+def test_no_signal_of_an_idle_car_exceeds_its_scale(name):
+    """From rest and from starts that the scales have not seen, with a margin for the latter."""
+    masses = SCENARIOS[name].car.has_masses
+    names = [each.name for each in SIGNALS.values() if masses or not each.needs_masses]
+    env = gym.make("QuarterCarHump-v0", scenario=name, observe=names)
+    idle = np.zeros(env.action_space.shape, np.float32)
+    at_rest = {"state": (0.0, 0.0, 0.0, 0.0)}
+    for seed, most, options in ((0, 1.0 + 1e-6, at_rest), (1, 1.6, None), (2, 1.6, None)):
+        seen, _ = env.reset(seed=seed, options=options)
+        largest, done = np.abs(seen), False
+        while not done:
+            seen, _, terminated, truncated, _ = env.step(idle)
+            largest, done = np.maximum(largest, np.abs(seen)), terminated or truncated
+        assert largest.max() <= most
 
 
 def test_a_car_that_does_not_move_is_refused():

@@ -11,9 +11,15 @@ from hypothesis import given, strategies as st
 
 import qcar_env
 from qcar_env import SCENARIOS, scenario
-from qcar_env.parts.actuator import LaggedSuspensionActuator, SuspensionActuator
+from qcar_env.parts.actuator import (
+    IndependentActuators,
+    LaggedSuspensionActuator,
+    SuspensionActuator,
+)
+from qcar_env.parts.sensor import Sensor
 from qcar_env.physics import linear
 from qcar_env.physics.car import PaperCar, QuarterCar
+from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.rk4 import STABILITY_LIMIT
 from qcar_env.roads.iso8608 import ISO8608
 from qcar_env.roads.shapes import Sine
@@ -90,6 +96,14 @@ def test_every_real_car_has_its_body_far_below_its_wheel():
             {"actuator": SuspensionActuator(limit=(1000.0,))},
             "an actuator rated in newtons needs a car with masses, got a PaperCar; make the car",
         ),
+        ({"sensors": ("x1",)}, "sensor must be of class Sensor"),
+        ({"sensors": (Sensor(signal="x1"), Sensor(signal="x1"))}, "different signals"),
+        ({"sensors": (Sensor(signal="x1", delay=0.0072),)}, "whole number of control intervals"),
+        ({"actuator": IndependentActuators(limit=(1.0, 1.0), delay=0.004)}, "control intervals"),
+        (
+            {"randomisation": Vary(by=Uniform(low=1.0, high=2.0), numbers="actuator.delay")},
+            "the same in all episodes",
+        ),
         (
             {"randomisation": Vary(by=Uniform(low=1, high=2), numbers=("road.hight",))},
             r"unknown number of the scenario 'road.hight'; did you mean 'road.h",
@@ -150,6 +164,20 @@ def test_a_step_at_which_rk4_diverges_is_refused_with_the_largest_that_does_not(
     with pytest.warns(UserWarning, match="is coarse for this car"):
         made(0.99 * limit)
     made(0.18 * limit)  # 0.47 of the allowed 2.6
+
+
+def test_a_refused_step_does_diverge_and_the_limit_does_not():
+    car = PaperCar.from_physical(m1=40.0, m2=300.0, k1=2e5, k2=2e4, c1=0.0, c2=1e3)
+    fastest = np.abs(linear.poles(car)).max()
+
+    def growth(factor: float) -> float:
+        step = linear.rk4_transition(
+            car, HUMP.excitation, ExternalForce(), factor * STABILITY_LIMIT / fastest, 1
+        )
+        return float(np.abs(np.linalg.eigvals(step.A)).max())
+
+    assert growth(1.0) < 1.0
+    assert growth(1.2) > 1.0
 
 
 def test_a_step_too_long_for_the_actuators_lag_is_refused():
