@@ -31,7 +31,8 @@ ERRATA = (
     ),
     (
         "(2), E3",
-        "Newton's third law needs k2 x1, so E3 = k2/m2; with k1/m2 the car rests at x1 = (k1/k2) h on a road of height h",
+        "Newton's third law needs k2 x1, so E3 = k2/m2; with k1/m2 the car rests at "
+        "x1 = (k1/k2) h on a road of height h",
         "`PaperCar.from_physical`",
     ),
 )

@@ -50,7 +50,7 @@ def test_a_gif_shows_each_policy_in_its_own_colour(tmp_path):
 def test_the_policies_wait_and_then_act():
     arguments = watch._parse([*SHORT, "--policy", "cnvc"])
     film = watch.film_of(arguments)
-    actions = [env.picture().action for env in drive(film.entries[0], film)]
+    actions = [env.picture().force for env in drive(film.entries[0], film)]
     begin = round(film.wait / film.scenario.dt / film.stride)
     assert not np.any(actions[: begin + 1])
     assert np.all(np.any(actions[begin + 1 :], axis=1))
@@ -125,7 +125,7 @@ def test_tuned_laws_and_agents_drive_too(tmp_path):
     assert look(names["lnvc-tuned"]).color == look(names["lnvc"]).color
     for name in ("lnvc-tuned", *(each for each in names if each.startswith(("ppo", "sac")))):
         film = watch.film_of(watch._parse([*SHORT, "--policy", name, "--start", "rest"]))
-        actions = [env.picture().action for env in drive(film.entries[0], film)]
+        actions = [env.picture().force for env in drive(film.entries[0], film)]
         assert np.any(actions[-1])
 
 
