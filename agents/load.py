@@ -1,4 +1,4 @@
-"""Load a trained agent: by name, or from a run folder. Needs onnxruntime, not torch.
+"""The shipped agents, by name. Needs onnxruntime, not torch.
 
 from agents.load import load
 policy = load("sac-paper")
@@ -7,80 +7,18 @@ action, _ = policy.predict(observation)
 
 from __future__ import annotations
 
-import json
+import importlib.util
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from qcar_env.envs.task import Observe
-from qcar_env.evaluation.onnx_policy import OnnxPolicy
+from qcar_env.evaluation.agent import Agent, read_recipe
+from qcar_env.evaluation.entry import Entry
+from qcar_env.evaluation.tracks import TRACKS, Track
+from qcar_env.scenarios import Scenario
 from qcar_env.validation import known
 
 PRETRAINED = Path(__file__).parent / "pretrained"
-
-
-class Agent:
-    """A trained policy with the `predict` of Stable-Baselines3, and what is known of it.
-
-    Parameters
-    ----------
-    folder : Path
-        Holds ``policy.onnx`` and ``recipe.json``.
-
-    Raises
-    ------
-    ValueError
-        If a file is absent, cut off or not what its name says.
-    RuntimeError
-        If onnxruntime is not installed.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self.recipe = _recipe(folder)
-        if not (folder / "policy.onnx").is_file():
-            raise ValueError(
-                f"no policy.onnx in {folder}: the training has not ended; resume it with "
-                f"scripts/train.py --resume {folder}"
-            )
-        self._policy = OnnxPolicy(folder / "policy.onnx")
-        self.name: str = self.recipe["name"]
-        self.reads: Observe = self.recipe["observe"]
-        self.observe_limit: bool = self.recipe["observe_limit"]
-        self.force_scales: tuple[float, ...] = tuple(self.recipe["force_scales"])
-        self.size = self._policy.size
-
-    def predict(
-        self,
-        observation: Any,
-        state: tuple[NDArray[Any], ...] | None = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[np.float32], tuple[NDArray[Any], ...] | None]:
-        """Return the actions, and no memory (see `qcar_env.evaluation.policy.Policy`).
-
-        Parameters
-        ----------
-        observation : ndarray (n, k) or (k,)
-            As the environment gives them with ``observe=agent.reads`` and
-            ``observe_limit=agent.observe_limit``; an agent that reads the state takes a full
-            observation too.
-        state, episode_start, deterministic
-            Without effect: the policy has no memory and does not draw.
-
-        Returns
-        -------
-        actions : ndarray (n, m) or (m,) float32
-            Force over its limit.
-        state : None
-
-        Raises
-        ------
-        ValueError
-            If the observation has the wrong size.
-        """
-        return self._policy.predict(observation)
 
 
 def names() -> tuple[str, ...]:
@@ -122,15 +60,32 @@ def load(agent: str | Path) -> Agent:
     return Agent(folder)
 
 
-def _recipe(folder: Path) -> dict[str, Any]:
-    path = folder / "recipe.json"
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        missing = {"name", "observe", "observe_limit", "force_scales"} - set(found)
-    except FileNotFoundError:
-        raise ValueError(f"no recipe.json in {folder}; is it a run folder?") from None
-    except (json.JSONDecodeError, TypeError) as error:
-        raise ValueError(f"{path} is damaged: {error}; restore it") from None
-    if missing:
-        raise ValueError(f"{path} lacks {', '.join(sorted(missing))}; restore it")
-    return found
+def entries() -> tuple[Entry, ...]:
+    """Return the shipped agents as entries; none where onnxruntime is absent."""
+    if importlib.util.find_spec("onnxruntime") is None:
+        return ()
+    return tuple(_entry(name, read_recipe(PRETRAINED / name)) for name in names())
+
+
+def _entry(name: str, recipe: dict[str, Any]) -> Entry:
+    seen = "state" if recipe["observe"] == "feedback" else "state, road and force now"
+    return Entry(
+        name=name,
+        kind="learned",
+        title=name,
+        make=partial(_make, name),
+        reads=recipe["observe"],
+        needs=seen + (", force limit" if recipe["observe_limit"] else ""),
+    )
+
+
+def _make(name: str, scenario: Scenario, track: Track | None, force_scale: float) -> Agent | None:
+    """Return an agent, or None on a track of another scenario or at a limit it never had."""
+    agent = load(name)
+    if track is None:
+        return agent
+    home = agent.recipe.get("track", track.name)
+    home = home["name"] if isinstance(home, dict) else home
+    same = home not in TRACKS or TRACKS[home].scenario == track.scenario
+    trained = any(abs(each - force_scale) < 1e-9 for each in agent.force_scales)
+    return agent if same and trained else None

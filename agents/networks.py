@@ -21,6 +21,7 @@ from itertools import pairwise
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy, BasePolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
@@ -28,7 +29,7 @@ from stable_baselines3.sac.policies import Actor as SACActor, SACPolicy
 from stable_baselines3.td3.policies import Actor as TD3Actor, TD3Policy
 from torch import Tensor, nn
 
-from qcar_env.envs import task
+from qcar_env.envs import episode as task
 from qcar_env.validation import known, positive
 
 TINY = 1e-6  # [-] keeps a direction defined where the road is flat
@@ -65,6 +66,12 @@ class FeatureMap:
         for gain in self.magnify:
             positive("magnification", gain)
         positive("bound", self.bound)
+
+
+def space(observe: task.Observe, observe_limit: bool) -> gym.spaces.Box:
+    """Return the space of the raw observation, as the environment's."""
+    high, size = task.OBSERVATION_LIMIT, len(task.observed(observe, observe_limit))
+    return gym.spaces.Box(-high, high, (size,), np.float32)
 
 
 class Features(BaseFeaturesExtractor):
@@ -297,6 +304,13 @@ class LawNet(nn.Module):
             nn.init.zeros_(out.weight)
             nn.init.zeros_(out.bias)
             self.bend = nn.Sequential(*tanh_layers(self.features.features_dim, hidden), out)
+
+    def begin_at_velocity_feedback(self, parameter: float) -> None:
+        """Let each actuator work against a velocity: a single one against the body's."""
+        actions = self.gains.shape[2]
+        with torch.no_grad():
+            for i in range(actions):
+                self.gains[..., i, task.FEEDBACK_SIZE - actions + i] = -parameter
 
     def command(self, observation: Tensor) -> Tensor:
         """Return the action before it is clipped, shape (n, m)."""

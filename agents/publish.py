@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from agents.load import PRETRAINED, Agent
+from agents.load import PRETRAINED
 from agents.recipes import RECIPES
-from agents.train import score_all
+from agents.scoring import score_all
+from qcar_env.evaluation.agent import Agent
 from qcar_env.evaluation.storage import write_json
 from qcar_env.validation import known
 

@@ -13,8 +13,8 @@ A recipe is called ``<algorithm>-<task>``: ``ppo-paper``, ``sac-budget-0.5``, ``
 What decided, in order (measured, see the learning report):
 
 1. The reward counts the amplitude removed in units of what the actuator can remove
-   (`agents.training_env`). With it half a period of the forcing is horizon enough at s = 1, and
-   gamma 0.93 learns in 10^5 intervals what gamma 0.98 did not in 5 10^5.
+   (`qcar_env.envs.reward.Removed`). With it half a period of the forcing is horizon enough at
+   s = 1, and gamma 0.93 learns in 10^5 intervals what gamma 0.98 did not in 5 10^5.
 2. Magnified copies of the state among the features, and a direct linear path from features to
    action (`agents.networks`): the best classical laws are saturated linear ones.
 3. Many small updates: minibatches of 512, not of 4096. At batch 4096 the same number of steps
@@ -31,8 +31,10 @@ from types import MappingProxyType
 from typing import Any, Literal
 
 from agents.networks import FeatureMap
-from agents.training_env import Reward
+from qcar_env.envs.episode import RewardLike
 from qcar_env.evaluation.tracks import Track, track as find_track
+from qcar_env.scenarios import Scenario
+from qcar_env.scenarios.randomise import Choice, Vary
 from qcar_env.validation import known, non_negative, whole
 
 Algorithm = Literal["ppo", "sac", "td3", "cma", "gradient"]
@@ -133,8 +135,9 @@ class Recipe:
         What its networks see.
     hidden : tuple of int
         Widths of the tanh layers.
-    reward : Reward
-        What it is rewarded for (not CMA-ES and gradient, which see the amplitude itself).
+    reward : str or Reward
+        What it is rewarded for (see `qcar_env.envs.reward`; not CMA-ES and gradient, which see the
+        amplitude itself).
     cars : int
         Cars at once.
     steps : int
@@ -153,7 +156,7 @@ class Recipe:
     settings: Settings
     features: FeatureMap = field(default_factory=FeatureMap)
     hidden: tuple[int, ...] = (64, 64)  # half of SB3's width for SAC: the law is simple
-    reward: Reward = field(default_factory=Reward)
+    reward: RewardLike = "removed"
     cars: int = 64
     steps: int = 700_000
     velocity_gain: float = 0.0  # [-] from scratch
@@ -182,6 +185,16 @@ class Recipe:
     def force_scales(self) -> tuple[float, ...]:
         """Force limits over the scenario's own [-]."""
         return TASKS[self.task].force_scales
+
+    @property
+    def scenario(self) -> Scenario:
+        """What its cars draw their episodes from: the track's nominal one, at one of the limits."""
+        nominal = self.track.nominal
+        if self.force_scales == (1.0,):
+            return nominal
+        limits = [f"actuator.limit.{i}" for i in range(nominal.actuator.size)]
+        drawn = Vary(by=Choice(values=self.force_scales), numbers=dict.fromkeys(limits, 1.0))
+        return dataclasses.replace(nominal, randomisation=(*nominal.randomisation, drawn))
 
     @property
     def observe_limit(self) -> bool:

@@ -24,8 +24,15 @@ from agents.networks import (
     Features,
 )
 from agents.recipes import OffPolicySettings, PPOSettings, Recipe
-from agents.trainer import Hook, annealed
-from agents.training_env import CrossingVecEnv, generator_state, set_generator_state
+from agents.trainer import (
+    Hook,
+    annealed,
+    arrays,
+    generator_state,
+    set_generator_state,
+    tensors,
+)
+from agents.vec_env import QuarterCarHumpVecEnv
 
 BUFFER_ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
@@ -45,15 +52,16 @@ class SB3Trainer:
 
     def __init__(self, recipe: Recipe, seed: int, tensorboard: str | None = None) -> None:
         self.recipe = recipe
-        self.env = CrossingVecEnv(
-            recipe.track,
-            recipe.force_scales,
-            n=recipe.cars,
-            seed=seed,
+        self.env = QuarterCarHumpVecEnv(
+            recipe.cars,
+            staggered=True,  # or all episodes would end in the same step
+            scenario=recipe.scenario,
+            observe=recipe.track.observe,
             observe_limit=recipe.observe_limit,
             reward=recipe.reward,
         )
         self.model = _model(recipe, self.env, seed, tensorboard)
+        self.env.seed(seed * recipe.cars)  # no car of another seed has the same episodes
         if recipe.velocity_gain:
             _begin_at_velocity_feedback(self.model, recipe)
         self._average: nn.Module | None = None
@@ -102,7 +110,7 @@ class SB3Trainer:
             "updates": int(model._n_updates),
             "last_observation": torch.tensor(model._last_obs),
             "last_starts": torch.tensor(model._last_episode_starts),
-            "env": self.env.snapshot(),
+            "env": tensors(self.env.snapshot()),
             "torch_generator": torch.get_rng_state(),
             "numpy_generator": _numpy_state(),
             "action_generator": generator_state(model.action_space.np_random),
@@ -131,7 +139,7 @@ class SB3Trainer:
         model._n_updates = snapshot["updates"]
         model._last_obs = snapshot["last_observation"].numpy().copy()
         model._last_episode_starts = snapshot["last_starts"].numpy().copy()
-        self.env.restore(snapshot["env"])
+        self.env.restore(arrays(snapshot["env"]))
         if self._average is not None:
             self._average.load_state_dict(snapshot["average"])
         if isinstance(model, (SAC, TD3)):
@@ -181,7 +189,7 @@ class _Between(BaseCallback):
 
 
 def _model(
-    recipe: Recipe, env: CrossingVecEnv, seed: int, tensorboard: str | None
+    recipe: Recipe, env: QuarterCarHumpVecEnv, seed: int, tensorboard: str | None
 ) -> BaseAlgorithm:
     features: dict[str, Any] = dict(
         features_extractor_class=Features,

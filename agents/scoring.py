@@ -1,7 +1,6 @@
 """Steady amplitudes of a policy on a track, for live evaluation, validation and reports.
 
-The crossings are those of `qcar_env.evaluation.tracks`; they run all at once on the linear maps of
-`agents.crossing` and end in true steady state.
+The episodes are those of `qcar_env.evaluation.tracks`; they end in true steady state.
 """
 
 from __future__ import annotations
@@ -9,70 +8,35 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import crossing
-from qcar_env.analysis.optimum import period_optimum
+from agents.recipes import Recipe
 from qcar_env.control import CNVC, LNVC
-from qcar_env.envs import task
-from qcar_env.evaluation.policy import Policy, actions_of, check_policy
+from qcar_env.evaluation import bounds
+from qcar_env.evaluation.policy import Policy
+from qcar_env.evaluation.rollouts import rollouts
 from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
+from qcar_env.physics.state import State
 from qcar_env.scenarios import Scenario
 from qcar_env.validation import known, positive
 
 Array = NDArray[np.float64]
-PERIODS = 20  # over which amplitudes are taken
-HARMONIC_SAMPLES = 64  # forces in a period of the linear program
 
 
 @dataclass(frozen=True, kw_only=True)
 class Score:
     """What a policy leaves of the vibration."""
 
-    amplitudes: Array  # (n, 2) largest |x1|, |x2| over the last periods of each crossing [m]
-    relative: Array  # (n, 2) the same over the crossing's own uncontrolled amplitudes [-]
+    amplitudes: Array  # (n, 2) largest |x1|, |x2| over the last periods of each episode [m]
+    relative: Array  # (n, 2) the same over the episode's own uncontrolled amplitudes [-]
 
     @property
     def rho(self) -> Array:
-        """``max_i(a_i / A_i)`` of each crossing, shape (n,) [-]."""
+        """``max_i(a_i / A_i)`` of each episode, shape (n,) [-]."""
         return np.max(self.relative, axis=1)
-
-
-def score(
-    policy: Policy,
-    track: Track,
-    *,
-    force_scale: float,
-    split: Split = "validation",
-    observe_limit: bool = False,
-    count: int | None = None,
-    duration: float | None = None,
-) -> Score:
-    """Score a policy on a set of a track at one force limit.
-
-    Parameters
-    ----------
-    policy : Policy
-        What acts; it is shown what the track allows, and the limit if `observe_limit`.
-    track : Track
-        The track.
-    force_scale : float
-        Force limit over the scenario's own [-].
-    split : {"training", "validation", "held-out"}
-        Which set of crossings.
-    observe_limit : bool
-        Whether the policy reads the force limit.
-    count : int, optional
-        Number of crossings; the track's if left out.
-    duration : float, optional
-        Length of a crossing [s]; the track's if left out. Below 40 s the slow mode still moves.
-    """
-    drawn = episodes(track, split, force_scale=force_scale, count=count)
-    return run(policy, track, drawn, observe_limit=observe_limit, duration=duration)
 
 
 def run(
@@ -83,46 +47,65 @@ def run(
     observe_limit: bool = False,
     duration: float | None = None,
 ) -> Score:
-    """Score a policy on the given crossings of a track (arguments: `score`).
+    """Score a policy on episodes of a track.
+
+    Parameters
+    ----------
+    policy : Policy
+        What acts; it is shown what the track allows, and the limit if `observe_limit`.
+    track : Track
+        The track.
+    drawn : sequence of Episode
+        Which, from `qcar_env.evaluation.tracks.episodes`.
+    observe_limit : bool
+        Whether the policy reads the force limit.
+    duration : float, optional
+        Length of an episode [s]; the track's if left out. Below 40 s the slow mode still moves.
 
     Raises
     ------
     ValueError
-        If there is no crossing, the duration holds no control interval, or see
-        `qcar_env.evaluation.policy.actions_of`.
+        See `qcar_env.evaluation.rollouts.rollouts`.
     """
-    check_policy(policy)
-    if not drawn:
-        raise ValueError("drawn must not be empty; give at least one crossing")
-    plants, z = crossing.of_track(drawn, track.nominal)
     length = track.duration if duration is None else positive("duration", duration, "s")
-    steps = round(length / plants.dt)
-    if steps < 1:
-        raise ValueError(
-            f"duration must hold a control interval, got {length:g} s with dt = {plants.dt:g} s; "
-            f"give {plants.dt:g} s or more"
-        )
-    slowest = min(each.scenario.road.omega for each in drawn)
-    window = math.ceil(PERIODS * 2.0 * math.pi / slowest / plants.dt)
-    peak = np.zeros((len(drawn), 2))
-    size = track.nominal.actuator.size
-    memory: Any = None
-    begin = np.ones(len(drawn), dtype=np.bool_)
-    for k in range(steps):
-        seen = crossing.observations(z, plants, track.observe, observe_limit)
-        action, memory = actions_of(policy, seen, memory, begin, size)
-        begin = np.zeros(len(drawn), dtype=np.bool_)
-        z = crossing.advance(z, action, plants)
-        if k >= steps - window:
-            peak = np.maximum(peak, np.abs(z[:, :2]))
+    found = rollouts(
+        policy, drawn, duration=length, observe=track.observe, observe_limit=observe_limit
+    )
+    periods = track.periods
+    if periods is not None:  # a live evaluation may be too short for all of them
+        slowest = min(each.scenario.excitation.omega for each in drawn)
+        periods = max(1, min(periods, int(length * slowest / (2.0 * math.pi))))
+    peak = np.array([found[j].amplitudes(periods) for j in range(len(found))])
     own = np.array([each.scenario.reference_amplitudes for each in drawn])
     return Score(amplitudes=peak, relative=peak / own)
 
 
-@lru_cache(maxsize=512)
 def optimum(scenario: Scenario) -> float:
     """Return the lower bound on rho of a scenario, of any force within its limit [-]."""
-    return max(0.0, period_optimum(scenario, samples=HARMONIC_SAMPLES).bound)
+    return max(0.0, bounds.optimum(scenario).lower)
+
+
+def score_all(policy: Policy, recipe: Recipe, split: Split) -> dict[str, dict[str, float]]:
+    """Score a policy at each of a recipe's force limits.
+
+    Returns
+    -------
+    dict
+        By force limit: mean and largest `rho`, largest amplitudes `x1`, `x2` [m], and the mean
+        `optimum` of the same episodes.
+    """
+    found: dict[str, dict[str, float]] = {}
+    for scale in recipe.force_scales:
+        drawn = episodes(recipe.track, split, force_scale=scale)
+        each = run(policy, recipe.track, drawn, observe_limit=recipe.observe_limit)
+        found[f"{scale:g}"] = {
+            "rho": float(np.mean(each.rho)),
+            "rho_largest": float(np.max(each.rho)),
+            "x1": float(np.max(each.amplitudes[:, 0])),
+            "x2": float(np.max(each.amplitudes[:, 1])),
+            "optimum": float(np.mean([optimum(one.scenario) for one in drawn])),
+        }
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,11 +134,10 @@ class VelocityPolicy:
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the law's force over its limit, clipped."""
-        scales = task.scales(self.scenario)
-        seen = np.asarray(observation, dtype=np.float64)
-        v = seen[:, 2:4] / np.array([scales.v1, scales.v2])
-        gains = np.array(self.law.gains[:2])
-        force = -gains * (v * v * v if isinstance(self.law, CNVC) else v)
+        scales = self.scenario.reference.scales
+        seen = np.asarray(observation, dtype=np.float64)[:, :4].T
+        x = State(*(z * scales[name] for z, name in zip(seen, State._fields, strict=True)))
+        force = np.stack(self.law.command(x, None, self.law.numbers), axis=1)
         limits = self.force_scale * np.array(self.scenario.actuator.limit)
         return np.clip(force / limits, -1.0, 1.0).astype(np.float32), None
 
@@ -174,7 +156,7 @@ def reference(
     force_scale : float
         Force limit over the scenario's own [-].
     drawn : sequence of Episode, optional
-        The crossings; one from rest if left out.
+        The episodes; one from rest if left out.
     """
     laws = {"cnvc": CNVC(G1=1.2, G2=1.2), "velocity": LNVC(G1=100.0, G2=100.0)}
     law = laws[known("law", name, laws)]

@@ -1,13 +1,14 @@
 """Policy search by CMA-ES: whole crossings, no gradient, behind the interface of `agents.trainer`.
 
-Each candidate's gains drive their own cars to steady state; its value is the mean over the
-crossings of ``max_i(a_i / A_i)``, as the benchmark scores it. N. Hansen's ``cma`` does the search,
-`agents.law_crossings` drives.
+Each candidate's gains drive cars of their own, all in one fleet, to steady state; a candidate's
+value is the mean over the crossings of ``max_i(a_i / A_i)``, as the benchmark scores it. N.
+Hansen's ``cma`` does the search, `qcar_env.engine.cars.Cars.drive` the driving.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,13 +18,13 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agents import crossing
-from agents.law_crossings import cross
-from agents.networks import LawNet, Schedule
+from agents.networks import LawNet, Schedule, space
 from agents.recipes import Recipe, SearchSettings
 from agents.trainer import Hook
-from agents.training_env import space
-from qcar_env.evaluation.tracks import episodes
+from qcar_env.engine.cars import Cars
+from qcar_env.engine.held_law import linear_law
+from qcar_env.envs.episode import Settings
+from qcar_env.evaluation.tracks import Episode, episodes
 
 Array = NDArray[np.float64]
 WINDOW = 2.5  # [s] at the end of a crossing over which amplitudes are taken: 20 periods
@@ -39,6 +40,104 @@ class Stage:
     refine: bool  # whether each node of road and force has gains of its own
     generations: int
     sigma: float
+
+
+def share(value: Any, nodes: Any, i: Any) -> Any:
+    """Return the share of node `i` at a value: hat functions, constant outside."""
+    last = len(nodes) - 1
+    held = min(max(value, nodes[0]), nodes[last])
+    up = 1.0 if i == 0 else (held - nodes[i - 1]) / (nodes[i] - nodes[i - 1])
+    down = 1.0 if i == last else (nodes[i + 1] - held) / (nodes[i + 1] - nodes[i])
+    return max(0.0, min(up, down, 1.0))
+
+
+def scheduled_law(seen: Any, gains: Any, nodes: Any, action: Any) -> None:
+    """Write the action of a law with gains (j, m, 8) at the `nodes` of road and force.
+
+    The force's nodes are the fastest (see `agents.networks.LawNet`).
+    """
+    roads, forces = nodes
+    road = math.sqrt(seen[4] * seen[4] + seen[5] * seen[5])
+    force = math.sqrt(seen[6] * seen[6] + seen[7] * seen[7])
+    for a in range(action.shape[0]):
+        action[a] = 0.0
+    for i in range(len(roads)):
+        for j in range(len(forces)):
+            weight = share(road, roads, i) * share(force, forces, j)
+            if weight > 0.0:
+                for a in range(action.shape[0]):
+                    command = 0.0
+                    for q in range(gains.shape[2]):
+                        command += gains[i * len(forces) + j, a, q] * seen[q]
+                    action[a] += weight * command
+    for a in range(action.shape[0]):
+        action[a] = min(max(action[a], -1.0), 1.0)
+
+
+class Crossings:
+    """A fleet in which laws drive the episodes of a track, each law all of them.
+
+    Parameters
+    ----------
+    drawn : sequence of Episode
+        Of one set at one force limit.
+    laws : int
+        How many laws.
+    observe : str
+        What they see.
+    """
+
+    def __init__(self, drawn: Sequence[Episode], laws: int, observe: Any) -> None:
+        first = drawn[0]
+        plan = Settings(observe, False, "amplitudes", None, None).plan(
+            first.nominal, first.force_scale
+        )
+        self.cars = Cars(laws * len(drawn), plan)
+        self._shape = (laws, len(drawn), -1)
+        self._uniforms = np.zeros((len(drawn), plan.source.uniforms))
+        for row, each in zip(self._uniforms, drawn, strict=True):
+            row[: len(each.uniforms)] = each.uniforms
+        self.start = np.array([(*each.state, each.phase) for each in drawn])
+        self.own = np.array([each.scenario.reference_amplitudes for each in drawn])
+        self._dt = plan.dt
+
+    def cross(
+        self, gains: Array, duration: float, nodes: tuple[tuple[float, ...], tuple[float, ...]]
+    ) -> Array:
+        """Drive from `start`; return the largest |x1|, |x2| at the end, (laws, n, 2) [m].
+
+        Parameters
+        ----------
+        gains : ndarray (laws, j, m, k)
+            Gains at the nodes.
+        duration : float
+            Length of a crossing [s].
+        nodes : tuple
+            Of road and force (see `agents.networks.Schedule`).
+        """
+        laws = len(gains)
+        scheduled = gains.shape[1] > 1
+        seen = self.cars.reset(
+            np.ones(self.cars.n, dtype=bool),
+            np.tile(self.start, (laws, 1)),
+            np.tile(self._uniforms, (laws, 1)),
+        )
+        intervals = round(duration / self._dt)
+        peak = self.cars.drive(
+            scheduled_law if scheduled else linear_law,
+            gains if scheduled else np.ascontiguousarray(gains[:, 0]),
+            seen,
+            intervals=intervals,
+            window=min(math.ceil(WINDOW / self._dt), intervals // 2),
+            shared=tuple(np.array(each) for each in nodes),
+        )
+        return peak.reshape(self._shape)
+
+    @property
+    def now(self) -> Array:
+        """Where the cars stand: states and phases that another crossing can begin with, (n, 5)."""
+        elapsed = self.cars.clock("elapsed") * self._dt * self.cars.fixed("omega")[0]
+        return np.column_stack([self.cars.states, self.cars.phases + elapsed])
 
 
 class SearchTrainer:
@@ -79,11 +178,10 @@ class SearchTrainer:
             space(recipe.track.observe, recipe.observe_limit),
             recipe.features,
             (),
-            2,
+            recipe.scenario.actuator.size,
             schedule=self._schedule,
         )
-        with torch.no_grad():
-            self._net.gains[..., 0, 2] = self._net.gains[..., 1, 3] = -settings.velocity_gain
+        self._net.begin_at_velocity_feedback(settings.velocity_gain)
         self._stages = [
             Stage(limit=limit, refine=refine, generations=generations, sigma=sigma)
             for limit in reversed(range(len(limits)))
@@ -131,40 +229,34 @@ class SearchTrainer:
             if self._within % SETTLE_EVERY == 0:
                 self._settled = self._guess()
             self._tell(self._search.ask(), values.tolist())
-        self._start = self._from(self._settled)
+        self._crossings.start = self._from(self._settled)
 
     def evaluate(self, candidates: Array) -> Array:
         """Return the value of each candidate, shape (k,), of parameters (k, p)."""
-        peak, _ = self._cross(candidates, self._start, self._settings.crossing)
-        relative = peak / self._plants.own
+        crossings = self._crossings
+        peak = self._cross(crossings, candidates, self._settings.crossing)
+        relative = peak / crossings.own
         value = relative.max(axis=2) + self._settings.least_weight * relative.min(axis=2)
         return value.mean(axis=1)
 
-    def _cross(self, candidates: Array, z: Array, duration: float) -> tuple[Array, Array]:
-        refine = self._stage.refine
-        nodes = self._schedule.nodes if refine else 1
-        gains = np.sinh(candidates).reshape(len(candidates), nodes, 2, -1)
-        steps = round(duration / self._dt)
-        return cross(
-            gains,
-            self._plants,
-            z,
-            steps=steps,
-            window=min(math.ceil(WINDOW / self._dt), steps // 2),
-            road_nodes=self._schedule.roads if refine else (1.0,),
-            force_nodes=self._schedule.forces if refine else (1.0,),
-        )
+    def _cross(self, crossings: Crossings, candidates: Array, duration: float) -> Array:
+        schedule = self._schedule if self._stage.refine else Schedule()
+        shape = (len(candidates), schedule.nodes, *self._net.gains.shape[2:])
+        gains = np.sinh(candidates).reshape(shape)
+        return crossings.cross(gains, duration, (schedule.roads, schedule.forces))
 
     def _settle(self) -> None:
         """Let the cars settle under the search's guess, where crossings begin there."""
         if self._settings.settle and self._within % SETTLE_EVERY == 0:
             self._settled = self._guess()
-            self._start = self._from(self._settled)
+            self._crossings.start = self._from(self._settled)
 
     def _from(self, guess: Array | None) -> Array:
+        alone = Crossings(self._drawn, 1, self.recipe.track.observe)
         if guess is None or not self._settings.settle:
-            return self._z
-        return self._cross(guess[np.newaxis], self._z, self._settings.settle)[1][0]
+            return alone.start
+        self._cross(alone, guess[np.newaxis], self._settings.settle)
+        return alone.now
 
     def _guess(self) -> Array:
         found: Any = self._search.result.xfavorite
@@ -193,15 +285,14 @@ class SearchTrainer:
         self._number, self._within = number, 0
         stage = self._stage = self._stages[number]
         recipe, settings = self.recipe, self._settings
-        drawn = episodes(
+        self._drawn = episodes(
             recipe.track,
             "training",
             force_scale=self._limits[stage.limit],
             seed=self._seed,
             count=recipe.cars,
         )
-        self._plants, self._z = crossing.of_track(drawn, recipe.track.nominal)
-        self._start = self._z
+        self._crossings = Crossings(self._drawn, settings.population, recipe.track.observe)
         self._settled: Array | None = None
         here = self._net.gains[stage.limit].detach().numpy().astype(np.float64)
         self._search = cma.CMAEvolutionStrategy(

@@ -14,7 +14,6 @@ the same recipe and seed give the same policy on the same machine.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import json
 import time
@@ -28,19 +27,19 @@ import torch
 
 from agents import scoring
 from agents.export import export_checked
-from agents.load import Agent
 from agents.recipes import Recipe, as_dict
+from agents.scoring import score_all
 from agents.trainer import ActorPolicy, Trainer
-from qcar_env.envs import task
-from qcar_env.evaluation.policy import Policy
-from qcar_env.evaluation.storage import command, replacing, versions, write_json, write_text
-from qcar_env.evaluation.tracks import Split
+from qcar_env.envs.episode import observed
+from qcar_env.evaluation import storage
+from qcar_env.evaluation.agent import Agent
+from qcar_env.evaluation.tracks import episodes
 from qcar_env.validation import positive, whole
 
 LIVE_CROSSING = 6.0  # [s] of a live evaluation; final scores take the track's full duration
 LIVE_CROSSINGS = 8  # in a live evaluation where scenarios vary
 EVALUATIONS = 10  # live evaluations in a training
-FORMAT = 2  # of run folders and checkpoints; a folder of another one is not resumed
+FORMAT = 3  # of run folders and checkpoints; a folder of another one is not resumed
 DECIDING = ("qcar_env", "numpy", "torch", "stable-baselines3")  # versions that must agree
 
 
@@ -159,7 +158,7 @@ def train(
     run.clock.stop()
     run.evaluate()
     run.checkpoint()
-    size = task.observation_size(recipe.track.observe, recipe.observe_limit)
+    size = len(observed(recipe.track.observe, recipe.observe_limit))
     export_checked(trainer.actor(), size, folder / "policy.onnx")
     found = score_all(Agent(folder), recipe, "validation")
     result = Result(
@@ -170,7 +169,7 @@ def train(
         validation=found,
         history=tuple(run.history),
     )
-    write_json(
+    storage.write_json(
         folder / "result.json",
         {
             "recipe": recipe.name,
@@ -193,29 +192,6 @@ def check_new(folder: Path, *, force: bool = False) -> None:
             f"{folder} is not empty; resume it with --resume, replace its run with --force, "
             "or give another --out"
         )
-
-
-def score_all(policy: Policy, recipe: Recipe, split: Split) -> dict[str, dict[str, float]]:
-    """Score a policy at each of a recipe's force limits.
-
-    Returns
-    -------
-    dict
-        By force limit: mean and largest `rho`, largest amplitudes `x1`, `x2` [m], and the mean
-        `optimum` of the same crossings.
-    """
-    found: dict[str, dict[str, float]] = {}
-    for scale in recipe.force_scales:
-        drawn = scoring.episodes(recipe.track, split, force_scale=scale)
-        each = scoring.run(policy, recipe.track, drawn, observe_limit=recipe.observe_limit)
-        found[f"{scale:g}"] = {
-            "rho": float(np.mean(each.rho)),
-            "rho_largest": float(np.max(each.rho)),
-            "x1": float(np.max(each.amplitudes[:, 0])),
-            "x2": float(np.max(each.amplitudes[:, 1])),
-            "optimum": float(np.mean([scoring.optimum(one.scenario) for one in drawn])),
-        }
-    return found
 
 
 def references(recipe: Recipe) -> References:
@@ -285,14 +261,18 @@ class _Run:
         if self.history and self.history[-1].steps == self.trainer.steps:
             return
         policy = ActorPolicy(self.trainer.actor())
-        varies = recipe.track.nominal.randomisation is not None
+        varies = bool(recipe.track.nominal.randomisation)
         found = [
-            scoring.score(
+            scoring.run(
                 policy,
                 recipe.track,
-                force_scale=scale,
+                episodes(
+                    recipe.track,
+                    "validation",
+                    force_scale=scale,
+                    count=LIVE_CROSSINGS if varies else 1,
+                ),
                 observe_limit=recipe.observe_limit,
-                count=LIVE_CROSSINGS if varies else 1,
                 duration=LIVE_CROSSING,
             )
             for scale in recipe.force_scales
@@ -307,11 +287,9 @@ class _Run:
             rho=float(np.mean([each.rho.mean() for each in found])),
         )
         self.history.append(latest)
-        with replacing(self.folder / "progress.csv") as path, path.open("w", newline="") as file:
-            rows = [dataclasses.asdict(each) for each in self.history]
-            writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+        storage.write_csv(
+            self.folder / "progress.csv", [dataclasses.asdict(each) for each in self.history]
+        )
         if self._writer is not None:
             for name in ("x1", "x2", "rho"):
                 self._writer.add_scalar(f"relative/{name}", getattr(latest, name), latest.steps)
@@ -328,7 +306,7 @@ class _Run:
             "cpu": self.clock.spent_cpu,
             "history": [dataclasses.asdict(each) for each in self.history],
         }
-        with replacing(self.folder / "checkpoint.pt") as path:
+        with storage.replacing(self.folder / "checkpoint.pt") as path:
             torch.save(content, path)
 
 
@@ -354,9 +332,9 @@ def _open(
     check_new(folder, force=force)
     for name in ("policy.onnx", "result.json", "checkpoint.pt", "progress.csv"):
         (folder / name).unlink(missing_ok=True)
-    write_json(folder / "recipe.json", described)
-    write_json(folder / "versions.json", versions())
-    write_text(folder / "command.txt", command() + "\n")
+    storage.write_json(folder / "recipe.json", described)
+    storage.write_json(folder / "versions.json", storage.versions())
+    storage.write_text(folder / "command.txt", storage.command() + "\n")
     return None
 
 
@@ -373,7 +351,7 @@ def _checkpoint(folder: Path, described: dict[str, Any]) -> dict[str, Any]:
             f"{folder} was written in format {before.get('format')}, this version reads {FORMAT}; "
             "start it again with --force, or resume it with the version that made it"
         )
-    here = versions()
+    here = storage.versions()
     for name in DECIDING:
         if made_with.get(name) != here.get(name):
             raise ValueError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -67,6 +67,34 @@ class ActorPolicy:
         with torch.no_grad():
             seen = torch.as_tensor(np.asarray(observation, dtype=np.float32))
             return self._actor(seen).numpy(), None
+
+
+def generator_state(rng: np.random.Generator) -> list[str]:
+    """Return the state of a PCG64 generator as plain text."""
+    state = rng.bit_generator.state
+    words = (*state["state"].values(), state["has_uint32"], state["uinteger"])
+    return [str(word) for word in words]
+
+
+def set_generator_state(rng: np.random.Generator, words: list[str]) -> None:
+    """Bring a PCG64 generator back to a state."""
+    state, inc, has_uint32, uinteger = (int(word) for word in words)
+    rng.bit_generator.state = {
+        "bit_generator": "PCG64",
+        "state": {"state": state, "inc": inc},
+        "has_uint32": has_uint32,
+        "uinteger": uinteger,
+    }
+
+
+def tensors(arrays: Mapping[str, NDArray[Any]]) -> dict[str, torch.Tensor]:
+    """Return arrays, such as the snapshot of a fleet, as tensors."""
+    return {name: torch.tensor(each) for name, each in arrays.items()}
+
+
+def arrays(tensors: Mapping[str, torch.Tensor]) -> dict[str, NDArray[Any]]:
+    """Return tensors as arrays."""
+    return {name: each.numpy() for name, each in tensors.items()}
 
 
 def annealed(ends: tuple[float, float], progress: float) -> float:

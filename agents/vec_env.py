@@ -1,4 +1,4 @@
-"""The environment of many cars as Stable-Baselines3 wants it.
+"""The environment of many cars as Stable-Baselines3 wants it: what agents are trained in.
 
 Episodes begin again in the step that ends them; the last observation is in
 ``info["terminal_observation"]`` and a time limit in ``info["TimeLimit.truncated"]``.
@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
-from qcar_env.envs import task
-from qcar_env.envs.vector import TERMS, QuarterCarHumpVectorEnv
+from qcar_env.envs.episode import RESET_OPTIONS, force_scale
+from qcar_env.envs.vector import QuarterCarHumpVectorEnv
 from qcar_env.physics.state import State
-from qcar_env.scenarios import Scenario, scenario as find_scenario
-from qcar_env.validation import known, positive
+from qcar_env.scenarios import Scenario, scenario
+from qcar_env.validation import known
+
+SETTABLE = {"force_scale": force_scale, "scenario": scenario}
 
 
 class QuarterCarHumpVecEnv(VecEnv):
@@ -28,17 +30,19 @@ class QuarterCarHumpVecEnv(VecEnv):
     ----------
     num_envs : int
         Number of cars.
+    staggered : bool
+        Whether a reset of all cars leaves each somewhere in the time of its episode, so that not
+        all of them end in the same step.
     **arguments
         As for `qcar_env.envs.vector.QuarterCarHumpVectorEnv`, except `autoreset_mode`.
 
     Notes
     -----
-    A step makes one `info` for each car that has finished, with its force, reward terms and last
-    observation. The others share an empty one, so that no Python loop runs over all cars.
-    `get_attr`, `set_attr` and `env_method` reach a `Car` for each index.
+    The `info` of a car has its `force` and the terms of its reward. `get_attr`, `set_attr` and
+    `env_method` reach a `Car` for each index.
     """
 
-    def __init__(self, num_envs: int, **arguments: Any) -> None:
+    def __init__(self, num_envs: int, *, staggered: bool = False, **arguments: Any) -> None:
         self.vector = QuarterCarHumpVectorEnv(
             num_envs, **arguments, autoreset_mode=AutoresetMode.SAME_STEP
         )
@@ -48,6 +52,8 @@ class QuarterCarHumpVecEnv(VecEnv):
             self.vector.single_observation_space,
             self.vector.single_action_space,
         )
+        self._staggered = staggered
+        self._names = ("force", *self.vector.terms)
         self._actions: NDArray[np.float32] | None = None
 
     def reset(self) -> NDArray[np.float32]:
@@ -71,10 +77,14 @@ class QuarterCarHumpVecEnv(VecEnv):
             )
         names = {name for each in self._options for name in each}
         for name in names:
-            known("reset option", name, task.RESET_OPTIONS)
+            known("reset option", name, RESET_OPTIONS)
         options = {name: [each.get(name) for each in self._options] for name in names}
         seeds = None if all(each is None for each in self._seeds) else self._seeds
         observations, _ = self.vector.reset(seed=seeds, options=options)
+        if self._staggered:
+            first = None if seeds is None else seeds[0]
+            steps = [self.vector.scenario_of(i).steps for i in range(self.num_envs)]
+            self.vector.stagger(np.random.default_rng(first).integers(steps))
         self.reset_infos = [{} for _ in range(self.num_envs)]
         self._reset_seeds()
         self._reset_options()
@@ -96,19 +106,25 @@ class QuarterCarHumpVecEnv(VecEnv):
         """
         if self._actions is None:
             raise ValueError("actions must be given before they are waited for; call step_async")
-        observations, rewards, terminated, truncated, info = self.vector.step(self._actions)
-        infos: list[dict[str, Any]] = [{}] * self.num_envs
-        dones = terminated | truncated
-        if "final_obs" in info:
-            last = info["final_info"]
-            for i in np.flatnonzero(dones).tolist():
-                infos[i] = {
-                    "terminal_observation": info["final_obs"][i],
-                    "TimeLimit.truncated": bool(truncated[i]),
-                    "force": last["force"][i],
-                    **{name: float(last[name][i]) for name in TERMS},
-                }
-        return observations, rewards.astype(np.float32), dones, infos
+        done = self.vector.advance(self._actions)
+        names, columns = self._names, (done.force, *done.rewards[1:].tolist())
+        infos: list[dict[str, Any]] = [
+            dict(zip(names, each))  # noqa: B905 - equal lengths, and quicker
+            for each in zip(*columns)  # noqa: B905
+        ]
+        if done.begun is not None and done.finals is not None:
+            for i, last in zip(done.begun.tolist(), done.finals, strict=True):
+                infos[i]["terminal_observation"] = last
+                infos[i]["TimeLimit.truncated"] = bool(done.ends[1, i])
+        return done.seen, done.rewards[0].astype(np.float32), done.ends.any(axis=0), infos
+
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return all that moves, to go on from."""
+        return self.vector.snapshot()
+
+    def restore(self, kept: dict[str, NDArray[Any]]) -> None:
+        """Go on from a snapshot of an environment made alike."""
+        self.vector.restore(kept)
 
     def close(self) -> None:
         """Close the vector environment."""
@@ -119,9 +135,10 @@ class QuarterCarHumpVecEnv(VecEnv):
         return [getattr(car, attr_name) for car in self._chosen(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        """Set an attribute of each chosen car: `force_scale` and `scenario` from its next start."""
-        for car in self._chosen(indices):
-            setattr(car, attr_name, value)
+        """Set `force_scale` or `scenario` of the chosen cars, from each one's next start."""
+        check = SETTABLE[known("attribute to set", attr_name, SETTABLE)]
+        chosen = [car.index for car in self._chosen(indices)]
+        self.vector.assign(chosen, **{attr_name: check(value)})
 
     def env_method(
         self,
@@ -159,35 +176,27 @@ class Car:
 
     def __init__(self, vector: QuarterCarHumpVectorEnv, index: int) -> None:
         self._vector = vector
-        self._index = index
+        self.index = index
 
     @property
     def scenario(self) -> Scenario:
         """The scenario from which the next episodes are drawn."""
-        return self._vector.scenario_of(self._index)
-
-    @scenario.setter
-    def scenario(self, value: str | Scenario) -> None:
-        self._vector.assign([self._index], scenario=find_scenario(value))
+        return self._vector.scenario_of(self.index)
 
     @property
     def force_scale(self) -> float:
         """Factor on the scenario's force limit [-]."""
-        return self._vector.force_scale_of(self._index)
-
-    @force_scale.setter
-    def force_scale(self, value: float) -> None:
-        self._vector.assign([self._index], force_scale=positive("force_scale", value))
+        return self._vector.force_scale_of(self.index)
 
     @property
     def state(self) -> State:
         """State of the plant in SI units."""
-        return State(*self._vector.states[self._index].tolist())
+        return State(*self._vector.states[self.index].tolist())
 
     @property
     def force_limit(self) -> NDArray[np.float64]:
         """Force that action 1 makes in this episode, shape (m,) [m/s^2] or [N]."""
-        return self._vector.force_limits[self._index]
+        return self._vector.force_limits[self.index]
 
     @property
     def dt(self) -> float:

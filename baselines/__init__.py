@@ -1,1 +1,5 @@
 """Scripted competitors: the control laws as policies with Stable-Baselines3's `predict`."""
+
+from .catalogue import entries
+
+__all__ = ["entries"]

@@ -5,22 +5,24 @@ from __future__ import annotations
 import dataclasses
 import inspect
 import json
-from collections.abc import Callable, Mapping
-from functools import cache, lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache, partial
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from qcar_env.control import LAWS
 from qcar_env.control.lqr import Weights
 from qcar_env.control.skyhook import Groundhook, Hybrid, Skyhook
+from qcar_env.evaluation.entry import Entry
 from qcar_env.evaluation.policy import Policy
-from qcar_env.evaluation.tracks import TRACKS
+from qcar_env.evaluation.tracks import TRACKS, Track
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 from qcar_env.validation import finite, known, positive
 
+from .actuation import check_two
 from .internal_model_policy import InternalModelPolicy
 from .law_policy import LawPolicy
 from .linear_policy import LinearPolicy, lqr_feedforward_policy, lqr_policy
@@ -78,44 +80,61 @@ def mpc(scenario: Scenario) -> MPCPolicy:
 
 def state(scenario: Scenario, **gains: float) -> LinearPolicy:
     """Saturated linear feedback of the whole state: eight gains, scaled units."""
-    policy = LinearPolicy(_matrix(MATRIX_GAINS[:8], gains).reshape(2, 4), "state feedback")
-    return policy
+    check_two(scenario, "state feedback", "lqr")
+    return LinearPolicy(_matrix(MATRIX_GAINS[:8], gains).reshape(2, 4), "state feedback")
 
 
 def linear(scenario: Scenario, **gains: float) -> LinearPolicy:
     """Saturated linear feedback of state, road and external force: sixteen gains, scaled units."""
+    check_two(scenario, "linear feedback", "lqr")
     found = _matrix(MATRIX_GAINS, gains)
     return LinearPolicy(
         np.hstack([found[:8].reshape(2, 4), found[8:].reshape(2, 4)]), "linear, full information"
     )
 
 
+class Design(NamedTuple):
+    """A policy that is designed, not a law of the paper's form."""
+
+    make: Callable[..., Any]
+    title: str
+    reads: Literal["full", "feedback"]
+    needs: str  # beside its gains: what it reads at each sample, and what it was designed on
+
+
+STATE = "state"
+NOW = "state, road and force now"
+
 # Policies beyond the laws. `state` and `linear` have no published gains: they are tuned.
-DESIGNED: Mapping[str, Callable[..., Any]] = MappingProxyType(
+DESIGNED: Mapping[str, Design] = MappingProxyType(
     {
-        "velocity": velocity,
-        "lqr": lqr,
-        "lqr-feedforward": lqr_feedforward,
-        "lqr-model": lqr_model,
-        "mpc": mpc,
-        "state": state,
-        "linear": linear,
+        "velocity": Design(velocity, "velocity feedback", "feedback", STATE),
+        "lqr": Design(lqr, "LQR", "feedback", "state; designed on the car"),
+        "lqr-feedforward": Design(
+            lqr_feedforward,
+            "LQR + feedforward",
+            "full",
+            f"{NOW}; designed on car and forcing frequency",
+        ),
+        "lqr-model": Design(
+            lqr_model,
+            "LQR + internal model",
+            "feedback",
+            "state; designed on car and forcing frequency",
+        ),
+        "mpc": Design(
+            mpc,
+            "MPC",
+            "full",
+            f"{NOW}, continued over 60 ms of preview; designed on the car and planned for the one "
+            "road and force",
+        ),
+        "state": Design(state, "state feedback", "feedback", STATE),
+        "linear": Design(linear, "linear, full information", "full", NOW),
     }
 )
 WITHOUT_PUBLISHED = ("state", "linear")
-
-# What a policy needs beside its gains: what it reads at each sample, and what it was designed on.
-STATE = "state"
-NEEDS: Mapping[str, str] = MappingProxyType(
-    {
-        "lqr": "state; designed on the car",
-        "lqr-feedforward": "state, road and force now; designed on car and forcing frequency",
-        "lqr-model": "state; designed on car and forcing frequency",
-        "mpc": "state, road and force now, continued over 60 ms of preview; designed on the car "
-        "and planned for the one road and force",
-        "linear": "state, road and force now",
-    }
-)
+PLANNED = ("mpc",)  # for one known road: where the road is drawn they do not enter
 
 
 def names() -> tuple[str, ...]:
@@ -156,7 +175,7 @@ def make(name: str, scenario: str | Scenario = "paper", **gains: float) -> Any:
         known(f"gain of {name}", gain, gain_names(name))
     if name in LAW_POLICIES:
         return LawPolicy(LAW_POLICIES[name](**gains), found)
-    return DESIGNED[name](found, **gains)
+    return DESIGNED[name].make(found, **gains)
 
 
 def gain_names(name: str) -> tuple[str, ...]:
@@ -166,7 +185,7 @@ def gain_names(name: str) -> tuple[str, ...]:
         return tuple(field.name for field in dataclasses.fields(LAW_POLICIES[name]))
     if name in WITHOUT_PUBLISHED:
         return MATRIX_GAINS[:8] if name == "state" else MATRIX_GAINS
-    return tuple(inspect.signature(DESIGNED[name]).parameters)[1:]
+    return tuple(inspect.signature(DESIGNED[name].make).parameters)[1:]
 
 
 def describe(name: str) -> dict[str, Any]:
@@ -183,34 +202,25 @@ def describe(name: str) -> dict[str, Any]:
         If the name is unknown; the message gives the nearest one.
     """
     known("baseline", name, everything())
-    needs = NEEDS.get(name, STATE)
     if name in LAW_POLICIES:
         law = LAW_POLICIES[name]()
         gains = dataclasses.asdict(law)
-        return {"name": law.name, "reads": LawPolicy.reads, "needs": needs, "gains": gains}
-    if name in WITHOUT_PUBLISHED:
-        reads = "feedback" if name == "state" else "full"
-        return {"name": name, "reads": reads, "needs": needs, "gains": {}}
-    policy = _designed(name)
-    defaults = {
+        return {"name": law.name, "reads": LawPolicy.reads, "needs": STATE, "gains": gains}
+    design = DESIGNED[name]
+    gains = {
         key: parameter.default
-        for key, parameter in inspect.signature(DESIGNED[name]).parameters.items()
+        for key, parameter in inspect.signature(design.make).parameters.items()
         if parameter.default is not inspect.Parameter.empty
     }
-    return {"name": policy.name, "reads": policy.reads, "needs": needs, "gains": defaults}
-
-
-@cache
-def _designed(name: str) -> Any:
-    return DESIGNED[name](find_scenario("paper"))
+    return {"name": design.title, "reads": design.reads, "needs": design.needs, "gains": gains}
 
 
 @lru_cache(maxsize=1)
 def _stored() -> dict[tuple[str, str, float], dict[str, Any]]:
     if not STORE.exists():
         return {}
-    entries = json.loads(STORE.read_text(encoding="utf-8"))
-    return {(each["baseline"], each["track"], each["force_scale"]): each for each in entries}
+    found = json.loads(STORE.read_text(encoding="utf-8"))
+    return {(each["baseline"], each["track"], each["force_scale"]): each for each in found}
 
 
 def tuned() -> tuple[tuple[str, str, float], ...]:
@@ -252,6 +262,76 @@ def make_tuned(name: str, track: str, force_scale: float, scenario: Scenario) ->
         If there are no such gains; the message lists what there is.
     """
     return make(name, scenario, **stored(name, track, force_scale)["gains"])
+
+
+def entry(name: str, **gains: float) -> Entry:
+    """Return a baseline as an entry, with its published gains where none are given.
+
+    Raises
+    ------
+    ValueError
+        If the name is unknown.
+    """
+    found = describe(name)
+    return Entry(
+        name=name,
+        kind="published",
+        title=found["name"],
+        make=partial(_make_published, name, gains),
+        reads=found["reads"],
+        needs=found["needs"],
+    )
+
+
+def entries(names: Sequence[str] | None = None) -> tuple[Entry, ...]:
+    """Return the baselines as entries: with published gains, then with tuned ones.
+
+    Parameters
+    ----------
+    names : sequence of str, optional
+        Which baselines; all if left out.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown.
+    """
+    chosen = [entry(name) for name in dict.fromkeys(everything() if names is None else names)]
+    with_gains = {name for name, _, _ in tuned()}
+    return (
+        *(each for each in chosen if each.name not in WITHOUT_PUBLISHED),
+        *(
+            dataclasses.replace(
+                each,
+                name=f"{each.name} (tuned)",
+                kind="tuned",
+                title=f"{each.title}, tuned",
+                make=partial(_make_tuned, each.name),
+            )
+            for each in chosen
+            if each.name in with_gains
+        ),
+    )
+
+
+def _make_published(
+    name: str, gains: Mapping[str, float], scenario: Scenario, track: Track | None, scale: float
+) -> Policy | None:
+    if name in PLANNED and track is not None and scenario.randomisation:
+        return None
+    return make(name, scenario, **gains)
+
+
+def _make_tuned(name: str, scenario: Scenario, track: Track | None, scale: float) -> Policy | None:
+    """Take the gains of the first track with the scenario; outside tracks those of `budget`."""
+    homes = [home for baseline, home, at in tuned() if baseline == name and abs(at - scale) < 1e-9]
+    if track is None:
+        home = min(homes, key=lambda home: home != "budget", default="budget")
+        return make_tuned(name, home, scale, scenario)
+    for home in homes:
+        if TRACKS[home].scenario == track.scenario:
+            return make_tuned(name, home, scale, scenario)
+    return None
 
 
 def _matrix(expected: tuple[str, ...], gains: Mapping[str, float]) -> Any:

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from qcar_env.control import lqr
 from qcar_env.control.lqr import Weights
-from qcar_env.envs import task
+from qcar_env.envs import episode as task
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 
+from .actuation import check_two
 from .linear_policy import sampled_plant
 from .observation import entries_of
 
@@ -31,7 +32,8 @@ class InternalModelPolicy:
     Raises
     ------
     ValueError
-        If the scenario has one actuator for two masses, or a number is out of range.
+        If the plant is not linear, the scenario has one actuator for two masses, or a number is
+        out of range.
 
     Notes
     -----
@@ -44,11 +46,7 @@ class InternalModelPolicy:
 
     def __init__(self, scenario: str | Scenario, weights: Weights, *, drift: float = 1.0) -> None:
         scenario = find_scenario(scenario)
-        if scenario.actuator.size != 2:
-            raise ValueError(
-                "the internal model needs an actuator on each mass, got actuation "
-                f"{scenario.actuator.actuation!r}; use lqr"
-            )
+        check_two(scenario, "the internal model", "lqr")
         plant = sampled_plant(scenario)
         self._model = lqr.internal_model(plant, scenario.reference_frequency, drift=drift)
         self._gain = -lqr.regulator(plant, weights)

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from qcar_env.control.law import Law
-from qcar_env.envs import task
-from qcar_env.physics.state import Filter, State
+from qcar_env.control.law import Law, check_law
+from qcar_env.envs import episode as task
+from qcar_env.physics.state import State
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 
-from .observation import entries_of
+from .actuation import Actuation
+from .observation import entries_of, scales_of
 
 Array = NDArray[np.float64]
 
@@ -26,12 +27,14 @@ class LawPolicy:
     law : Law
         The law with its gains.
     scenario : str or Scenario
-        Gives the units of the observation, the force limit and the control interval.
+        Gives the units of the observation, the actuator and the control interval.
+    numbers : NamedTuple of ndarray (n,), optional
+        Numbers of n laws of this class, one for each car; all have the filter of `law`.
 
     Raises
     ------
     ValueError
-        If the law destabilises the scenario's car, or an argument is of another kind.
+        If the law, alone, destabilises the scenario's car, or an argument is of another kind.
 
     Notes
     -----
@@ -39,24 +42,21 @@ class LawPolicy:
     over `dt` for an input that runs straight from the last sample to this one (first-order hold),
     which is what a policy can know.
 
-    With a suspension actuator, which has one force for both masses, the law's force on the body is
-    realised and its force on the wheel is not.
+    One actuator between the masses gives what it can of both forces (`baselines.actuation`).
     """
 
     reads: Literal["feedback"] = "feedback"  # the state only
 
-    def __init__(self, law: Law, scenario: str | Scenario) -> None:
-        if not callable(getattr(law, "command", None)):
-            raise ValueError(
-                f"law must be a law with its gains, got {law!r}; give an instance, such as CNVC()"
-            )
+    def __init__(self, law: Law, scenario: str | Scenario, *, numbers: Any = None) -> None:
+        check_law(law)
         scenario = find_scenario(scenario)
-        law.check(scenario.car)
+        if numbers is None:  # of many laws a bad one shows by what it does
+            law.check(scenario.car)
         self.law = law
         self.name = law.name
-        self._unit = np.array(task.scales(scenario)[:4])  # observation of a unit state
-        limits = scenario.actuator.specific_limits(scenario.car)
-        self._limits = np.array(limits[-scenario.actuator.size :])
+        self._numbers = law.numbers if numbers is None else numbers
+        self._scales = scales_of(scenario, self.reads)
+        self._actuation = Actuation(scenario)
         if law.filter_rate is not None:
             self._hold = first_order_hold(*filter_matrices(law), scenario.dt)
 
@@ -74,7 +74,7 @@ class LawPolicy:
         observation : ndarray (n, k) or (k,)
             Observations; the first four entries are read.
         state : tuple of ndarray, optional
-            Filter (n, 4) and last sample (n, 4).
+            Filter (n, k) and last sample (n, 4).
         episode_start : ndarray (n,) of bool, optional
             Cars whose filter starts from rest.
         deterministic : bool
@@ -91,17 +91,17 @@ class LawPolicy:
             If the observation is not (n, k) or (k,), or has fewer than four entries.
         """
         entries = entries_of(observation, task.FEEDBACK_SIZE)
-        x = np.atleast_2d(entries)[:, : task.FEEDBACK_SIZE] / self._unit
+        x = np.atleast_2d(entries)[:, : task.FEEDBACK_SIZE] * self._scales
         if self.law.filter_rate is None:
             memory = None
-            eta = np.zeros_like(x)
+            eta = np.zeros((len(x), 0))
         else:
             eta = self._filter(x, state, episode_start)
             memory = (eta, x)
-        u1, u2 = self.law.command(State(*x.T), Filter(*eta.T), self.law.gains)
-        forces = np.stack([u1, u2], axis=1)[:, -len(self._limits) :]
-        actions = np.clip(forces / self._limits, -1.0, 1.0).astype(np.float32)
-        return actions.reshape((*entries.shape[:-1], len(self._limits))), memory
+        now = State(*x.T)
+        u1, u2 = self.law.command(now, self.law.State(*eta.T), self._numbers)
+        actions = self._actuation.actions(u1, u2, now.v2 - now.v1).astype(np.float32)
+        return actions.reshape((*entries.shape[:-1], self._actuation.size)), memory
 
     def _filter(
         self,
@@ -110,7 +110,7 @@ class LawPolicy:
         episode_start: NDArray[np.bool_] | None,
     ) -> Array:
         if state is None:
-            return np.zeros_like(x)
+            return np.zeros((len(x), len(self._hold[0])))
         eta, last = state
         transition, from_last, from_now = self._hold
         eta = eta @ transition.T + last @ from_last.T + x @ from_now.T
@@ -120,15 +120,15 @@ class LawPolicy:
 
 
 def filter_matrices(law: Law) -> tuple[Array, Array]:
-    """Return the law's filter as ``eta' = F eta + G x``: F (4, 4) and G (4, 4).
+    """Return the law's filter as ``eta' = F eta + G x``: F (k, k) and G (k, 4).
 
     The matrices are read off `Law.filter_rate`, which is linear, by applying it to unit vectors.
     """
     assert law.filter_rate is not None
-    unit, zero = np.eye(4), np.zeros((4, 4))
-    f = np.array(law.filter_rate(State(*zero), Filter(*unit), law.gains))
-    g = np.array(law.filter_rate(State(*unit), Filter(*zero), law.gains))
-    return f, g
+    k = len(law.at_rest)
+    f = law.filter_rate(State(*np.zeros((4, k))), law.State(*np.eye(k)), law.numbers)
+    g = law.filter_rate(State(*np.eye(4)), law.State(*np.zeros((k, 4))), law.numbers)
+    return np.array(f), np.array(g)
 
 
 def first_order_hold(f: Array, g: Array, dt: float) -> tuple[Array, Array, Array]:

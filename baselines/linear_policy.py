@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from qcar_env.control import lqr
 from qcar_env.control.lqr import Weights
-from qcar_env.envs import task
+from qcar_env.envs import episode as task
+from qcar_env.physics import linear
 from qcar_env.scenarios import Scenario
 
-from .observation import entries_of
+from .actuation import check_two
+from .observation import entries_of, scales_of
 
 Array = NDArray[np.float64]
 
@@ -47,7 +49,8 @@ class LinearPolicy:
                 f"{self.gain.shape}; give one column for each entry of the observation"
             )
         self.name = name
-        self.reads: task.Observe = "full" if self.gain.shape[1] == task.FULL_SIZE else "feedback"
+        full = self.gain.shape[1] == task.FULL_SIZE
+        self.reads: Literal["full", "feedback"] = "full" if full else "feedback"
 
     def predict(
         self,
@@ -69,22 +72,20 @@ class LinearPolicy:
         return action.astype(np.float32), None
 
 
-def push(scenario: Scenario) -> Array:
-    """Return the specific forces on wheel and body that action 1 makes, shape (2, m) [m/s^2]."""
-    limits = scenario.actuator.specific_limits(scenario.car)
-    if scenario.actuator.size == 2:
-        return np.diag(limits)
-    return np.array(limits)[:, np.newaxis]
-
-
 def sampled_plant(scenario: Scenario) -> lqr.SampledPlant:
-    """Return the scenario's car in the units of observation and action."""
-    scale = 1.0 / np.array(task.scales(scenario)[:4])
-    return lqr.sampled_plant(scenario.car, scale, push(scenario), scenario.dt)
+    """Return the scenario's car in the units of observation and action.
+
+    Raises
+    ------
+    ValueError
+        If car or actuator is not linear; the message names what is not.
+    """
+    push = linear.actuation(scenario.car, scenario.actuator)
+    return lqr.sampled_plant(scenario.car, scales_of(scenario, "feedback"), push, scenario.dt)
 
 
 def lqr_policy(scenario: Scenario, weights: Weights) -> LinearPolicy:
-    """Return the linear-quadratic regulator of the scenario's car."""
+    """Return the linear-quadratic regulator of the scenario's car (errors: `sampled_plant`)."""
     return LinearPolicy(-lqr.regulator(sampled_plant(scenario), weights), "LQR")
 
 
@@ -94,15 +95,17 @@ def lqr_feedforward_policy(scenario: Scenario, weights: Weights) -> LinearPolicy
     Raises
     ------
     ValueError
-        If the scenario has one actuator for two masses, which cannot cancel both.
+        If the scenario has one actuator for two masses, which cannot cancel both, or a plant that
+        is not linear, or a road that is not made of sines.
     """
-    if scenario.actuator.size != 2:
-        raise ValueError(
-            "feedforward needs an actuator on each mass, got actuation "
-            f"{scenario.actuator.actuation!r}; use lqr"
-        )
-    road, force = scenario.road, scenario.force
-    units = np.array([road.h, road.h * road.omega, force.f, force.f * force.Omega])
-    ahead = lqr.feedforward(scenario.car, push(scenario), road.omega, force.Omega, scenario.dt)
+    check_two(scenario, "feedforward", "lqr")
     feedback = -lqr.regulator(sampled_plant(scenario), weights)
-    return LinearPolicy(np.hstack([feedback, ahead * units]), "LQR + feedforward")
+    return LinearPolicy(np.hstack([feedback, ahead(scenario)]), "LQR + feedforward")
+
+
+def ahead(scenario: Scenario) -> Array:
+    """Return the gain on scaled road and force that cancels both, shape (2, 4)."""
+    car, force = scenario.car, scenario.force
+    push = linear.actuation(car, scenario.actuator)
+    gain = lqr.feedforward(car, push, scenario.excitation.omega, force.Omega, scenario.dt)
+    return gain * scales_of(scenario)[task.FEEDBACK_SIZE :]

@@ -13,12 +13,12 @@ from scipy.sparse import csc_matrix, triu
 from qcar_env.analysis.optimum import period_optimum
 from qcar_env.control.lqr import Weights
 from qcar_env.control.mpc import tracking_program
-from qcar_env.envs import task
+from qcar_env.envs import episode as task
 from qcar_env.physics import linear
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 
 from .linear_policy import sampled_plant
-from .observation import entries_of
+from .observation import entries_of, scales_of
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class MPCPolicy:
     Raises
     ------
     ValueError
-        If the road is not harmonic or an argument is out of range.
+        If the plant is not linear, the road not harmonic or an argument out of range.
     RuntimeError
         If OSQP is not installed.
 
@@ -68,9 +68,13 @@ class MPCPolicy:
             ) from None
         scenario = find_scenario(scenario)
         plant = sampled_plant(scenario)
-        road, force, dt = scenario.road, scenario.force, scenario.dt
+        road, force, dt = scenario.excitation, scenario.force, scenario.dt
         step = linear.exact_transition(scenario.car, road, force, dt)
-        scale = 1.0 / np.array(task.scales(scenario)[:4])
+        scales = scales_of(scenario)
+        scale = scales[: task.FEEDBACK_SIZE]
+        sizes = np.array([road.h, road.h * road.omega, force.f, force.f * force.Omega])
+        shown = scales[task.FEEDBACK_SIZE :]
+        self._of_phasors = np.divide(shown, sizes, out=np.zeros(4), where=sizes != 0.0)
         world = np.hstack([step.road, step.force]) / scale[:, np.newaxis]
         turn = block_diag(_turn(road.omega * dt), _turn(force.Omega * dt))
         self._program = tracking_program(plant, world, turn, weights, horizon)
@@ -113,8 +117,9 @@ class MPCPolicy:
             nothing = np.empty((0, size))
             return np.empty((0, self._actions), dtype=np.float32), (nothing, nothing)
         # The phasors (s, c) and (S, C) of road and force; F' / (f Omega) is -S.
-        world = np.stack([seen[:, 4], seen[:, 5], -seen[:, 7], seen[:, 6]], axis=1)
-        phase = np.arctan2(seen[:, 4], seen[:, 5])
+        s, c, C, minus_S = (seen[:, 4:8] * self._of_phasors).T
+        world = np.stack([s, c, -minus_S, C], axis=1)
+        phase = np.arctan2(s, c)
         x_plan, u_plan = self._plan(phase)
         linear_term = (
             seen[:, :4] @ program.from_state.T

@@ -7,7 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.envs import task
+from qcar_env.envs import episode as task
+from qcar_env.scenarios import Scenario
+
+
+def scales_of(scenario: Scenario, observe: task.Observe = "full") -> NDArray[np.float64]:
+    """Return what the entries of a scenario's observation are divided by, in their units."""
+    found = scenario.reference
+    return np.array([found.scale(each, scenario) for each in task.observed(observe)])
 
 
 def entries_of(observation: Any, size: int) -> NDArray[np.float64]:

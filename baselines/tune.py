@@ -1,7 +1,7 @@
 """Tune the gains of a baseline: a global search on a training set, all candidates in one batch.
 
-Every candidate of a generation drives every training crossing at once, by the exact transition
-(`qcar_env.evaluation.batch_rollouts`). The crossings start on the optimal steady motion, which good
+Every candidate of a generation drives every training crossing at once, through the fleet
+(`qcar_env.evaluation.rollouts`). The crossings start on the optimal steady motion, which good
 gains keep and bad ones leave; what is reported starts elsewhere and runs longer.
 
 Search: differential evolution, R. Storn, K. Price, Journal of Global Optimization 11, 1997, as in
@@ -12,8 +12,10 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -25,15 +27,15 @@ from scipy.optimize import differential_evolution
 from qcar_env.analysis.optimum import period_optimum
 from qcar_env.control import lqr
 from qcar_env.control.lqr import Weights
-from qcar_env.evaluation.batch_rollouts import Crossings, batch_rollout, steady_rho, window_steps
+from qcar_env.evaluation.entry import may_enter
+from qcar_env.evaluation.rollouts import rollouts
 from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
-from qcar_env.physics.state import Filter, State
 from qcar_env.scenarios import Scenario
 from qcar_env.validation import known, whole
 
 from . import catalogue
-from .law_policy import filter_matrices, first_order_hold
-from .linear_policy import LinearPolicy, sampled_plant
+from .law_policy import LawPolicy
+from .linear_policy import LinearPolicy, ahead, sampled_plant
 
 Array = NDArray[np.float64]
 
@@ -180,19 +182,25 @@ def tune(
     search = SEARCHES[known("baseline to tune", baseline, SEARCHES)]
     whole("population", population, least=LEAST_POPULATION)
     whole("seed", seed, least=0)
-    varies = track.nominal.randomisation is not None
-    count = (VARIED if varies else 1) if crossings is None else whole("crossings", crossings)
+    usual = VARIED if track.nominal.randomisation else 1
+    count = usual if crossings is None else whole("crossings", crossings)
     nominal = track.at(force_scale)
-    training = episodes(track, "training", force_scale=force_scale, count=count)
-    cars = Crossings([_on_optimum(each) for each in training])
+    drawn = episodes(track, "training", force_scale=force_scale, count=count)
+    training = [_on_optimum(each) for each in drawn]
+    periods, length = _measured(track, DURATION)
+    window = _window(training, periods)
     evaluations = 0
 
     def mean_rho(points: Array) -> Array:
         nonlocal evaluations
         columns = points.reshape(len(search.names), -1)
-        evaluations += columns.shape[1]
-        act = _candidates(baseline, [search.gains(c) for c in columns.T], nominal, count)
-        return _batch_rho(cars, act, columns.shape[1])
+        candidates = columns.shape[1]
+        evaluations += candidates
+        policy = _candidates(baseline, [search.gains(c) for c in columns.T], nominal, count)
+        rolled = rollouts(
+            policy, training * candidates, duration=length, observe=policy.reads, last=window
+        )
+        return rolled.rho(periods).reshape(candidates, count).mean(axis=1)
 
     low, high = np.array(search.low), np.array(search.high)
     rng = np.random.default_rng(seed)
@@ -228,18 +236,22 @@ def tune(
     )
 
 
-def validate(
-    baseline: str,
-    gains: Mapping[str, float],
-    track: Track,
-    force_scale: float,
-    split: Split = "validation",
-) -> float:
-    """Return the mean rho over the validation set (or another), settled from rest [-]."""
+def validate(baseline: str, gains: Mapping[str, float], track: Track, force_scale: float) -> float:
+    """Return the mean rho over the validation set, settled from rest [-]."""
     policy = catalogue.make(baseline, track.at(force_scale), **gains)
+    return _settled_rho(policy, track, force_scale, "validation")
+
+
+def _settled_rho(policy: Any, track: Track, force_scale: float, split: Split) -> float:
     cases = episodes(track, split, force_scale=force_scale)
-    rolled = batch_rollout(policy, cases, duration=SETTLED, observe=policy.reads)
-    return float(np.mean(steady_rho(rolled, PERIODS)))
+    periods, length = _measured(track, SETTLED)
+    rolled = rollouts(policy, cases, duration=length, observe=policy.reads)
+    return float(np.mean(rolled.rho(periods)))
+
+
+def _measured(track: Track, settled: float) -> tuple[int | None, float | None]:
+    """Return which periods are measured, and after how long [s]; without any, the whole of it."""
+    return (None, None) if track.periods is None else (PERIODS, settled)
 
 
 def load(path: Path = catalogue.STORE) -> tuple[Tuned, ...]:
@@ -261,75 +273,72 @@ def load(path: Path = catalogue.STORE) -> tuple[Tuned, ...]:
         ) from None
 
 
+@cache
+def best(track: Track, force_scale: float) -> tuple[str, float]:
+    """Return the best tuned baseline with the information of a track, and its rho [-].
+
+    The rho is the mean over the held-out set, the best one that of the same set: the harder
+    comparison for what is learned. NaN if none is tuned.
+    """
+    scenario = track.at(force_scale)
+    found = [
+        (_settled_rho(policy, track, force_scale, "held-out"), each.name.removesuffix(" (tuned)"))
+        for each in catalogue.entries()
+        if each.kind == "tuned" and may_enter(each.reads or "full", track)
+        if (policy := each.make(scenario, track, force_scale)) is not None
+    ]
+    rho, law = min(found, default=(float("nan"), "none"))
+    return law, rho
+
+
 def _on_optimum(case: Episode) -> Episode:
-    """Return the crossing started on its own optimal steady motion."""
+    """Return the crossing started on its own optimal steady motion, if it has one."""
+    if not case.scenario.excitation.harmonic:
+        return case
     plan = period_optimum(case.scenario)
     share = (case.phase / (2.0 * np.pi)) % 1.0
-    state = plan.x[int(share * (len(plan.x) - 1))]
-    return dataclasses.replace(case, state=tuple(float(value) for value in state))
+    x1, x2, v1, v2 = plan.x[int(share * (len(plan.x) - 1))].tolist()
+    return dataclasses.replace(case, state=(x1, x2, v1, v2))
 
 
-def _batch_rho(cars: Crossings, act: Callable[[Array, Array], Array], candidates: int) -> Array:
-    """Return the mean rho of each candidate over the crossings, shape (candidates,)."""
-    n = len(cars.episodes)
-    steps = round(DURATION / cars.dt)
-    window = max(window_steps(each, PERIODS) for each in cars.episodes)
-    wide = cars.repeated(candidates)
-    x = wide.start_states
-    peak = np.zeros((candidates * n, 2))
-    for k in range(steps):
-        world = wide.worlds(k, 1)[0]
-        seen = wide.observation(x, world).astype(np.float64)
-        x = wide.step(x, act(seen, x), world)
-        np.clip(x, -1e6, 1e6, out=x)  # a diverging candidate stays a number
-        if k >= steps - window:
-            np.maximum(peak, np.abs(x[:, :2]), out=peak)
-    amplitudes = np.array([each.scenario.reference_amplitudes for each in cars.episodes])
-    scale = np.tile(amplitudes, (candidates, 1))
-    return (peak / scale).max(axis=1).reshape(candidates, n).mean(axis=1)
+def _window(cases: Sequence[Episode], periods: int | None) -> int | None:
+    """Return how many control intervals hold the periods of every case."""
+    if periods is None:
+        return None
+    turns = min(each.scenario.excitation.omega * each.scenario.dt for each in cases)
+    return math.ceil(periods * 2.0 * np.pi / turns)
+
+
+class _Matrices:
+    """Saturated linear policies, one for each car (see `LinearPolicy`)."""
+
+    def __init__(self, policies: Sequence[LinearPolicy], n: int) -> None:
+        self.reads = policies[0].reads
+        self._gain = np.repeat(np.array([each.gain for each in policies]), n, axis=0)
+
+    def predict(
+        self,
+        observation: Any,
+        state: Any = None,
+        episode_start: Any = None,
+        deterministic: bool = True,
+    ) -> tuple[Array, None]:
+        """Return the actions (see `qcar_env.evaluation.policy.Policy`)."""
+        seen = np.asarray(observation, dtype=np.float64)[:, :, np.newaxis]
+        return np.clip(np.matmul(self._gain, seen)[:, :, 0], -1.0, 1.0), None
 
 
 def _candidates(
     baseline: str, gains: Sequence[dict[str, float]], nominal: Scenario, n: int
-) -> Callable[[Array, Array], Array]:
-    """Return ``act(observation, x)`` for all candidates on n crossings, candidate by candidate."""
+) -> LawPolicy | _Matrices:
+    """Return one policy for all candidates on n crossings each, candidate by candidate."""
     if baseline in catalogue.LAW_POLICIES:
         laws = [catalogue.LAW_POLICIES[baseline](**each) for each in gains]
-        return _law_candidates(laws, nominal, n)
+        columns = np.array([law.numbers for law in laws], dtype=np.float64).T
+        numbers = type(laws[0].numbers)(*(np.repeat(column, n) for column in columns))
+        return LawPolicy(laws[0], nominal, numbers=numbers)
     twin = "lqr-feedforward" if baseline == "lqr-model" else baseline
-    policies = [catalogue.make(twin, nominal, **each) for each in gains]
-    matrices = [policy.gain for policy in policies if isinstance(policy, LinearPolicy)]
-    k = np.repeat(np.array(matrices), n, axis=0)  # (candidates n, m, entries)
-    entries = k.shape[2]
-
-    def act(seen: Array, x: Array) -> Array:
-        return np.clip(np.matmul(k, seen[:, :entries, np.newaxis])[:, :, 0], -1.0, 1.0)
-
-    return act
-
-
-def _law_candidates(
-    laws: Sequence[Any], nominal: Scenario, n: int
-) -> Callable[[Array, Array], Array]:
-    first = laws[0]
-    columns = np.array([law.gains for law in laws], dtype=np.float64).T
-    gains = type(first.gains)(*(np.repeat(column, n) for column in columns))
-    limits = np.array(nominal.actuator.specific_limits(nominal.car))
-    hold = None
-    if first.filter_rate is not None:  # its frequency and damping are not searched: one for all
-        hold = first_order_hold(*filter_matrices(first), nominal.dt)
-    eta = last = np.zeros((len(laws) * n, 4))
-    begun = False
-
-    def act(seen: Array, x: Array) -> Array:
-        nonlocal eta, last, begun
-        if hold is not None and begun:
-            eta = eta @ hold[0].T + last @ hold[1].T + x @ hold[2].T
-        last, begun = x, True
-        u1, u2 = first.command(State(*x.T), Filter(*eta.T), gains)
-        return np.clip(np.stack([u1, u2], axis=1) / limits, -1.0, 1.0)
-
-    return act
+    return _Matrices([catalogue.make(twin, nominal, **each) for each in gains], n)
 
 
 def _good_starts(baseline: str, nominal: Scenario, count: int, rng: np.random.Generator) -> Array:
@@ -337,16 +346,12 @@ def _good_starts(baseline: str, nominal: Scenario, count: int, rng: np.random.Ge
     if baseline not in ("state", "linear"):
         return np.empty((0, 0))
     plant = sampled_plant(nominal)
-    road, force = nominal.road, nominal.force
-    units = np.array([road.h, road.h * road.omega, force.f, force.f * force.Omega])
-    push = np.diag(nominal.actuator.specific_limits(nominal.car))
-    ahead = lqr.feedforward(nominal.car, push, road.omega, force.Omega, nominal.dt) * units
     found: list[Array] = []
     for _ in range(count):
         q2, r1, r2 = 10.0 ** rng.uniform((-2.0, -4.0, -4.0), (2.0, 0.0, 0.0))
         k = -lqr.regulator(plant, Weights(q2=q2, r1=r1, r2=r2))
         if baseline == "linear":
-            k = np.hstack([k, rng.uniform(0.0, 1.0) * ahead])
+            k = np.hstack([k, rng.uniform(0.0, 1.0) * ahead(nominal)])
             found.append(np.arcsinh(np.concatenate([k[:, :4].ravel(), k[:, 4:].ravel()])))
         else:
             found.append(np.arcsinh(k.ravel()))

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from qcar_env.analysis import calibration
-from qcar_env.analysis.forced_car import from_scenario
-from qcar_env.analysis.paper_experiments import trends
-from qcar_env.analysis.table1 import PRINTED
+from qcar_env.analysis.paper import calibration
+from qcar_env.analysis.paper.experiments import trends
+from qcar_env.analysis.paper.forced_car import from_scenario
+from qcar_env.analysis.paper.table1 import PRINTED
 from qcar_env.control import CNVC
 from qcar_env.evaluation import storage
 from qcar_env.scenarios import scenario

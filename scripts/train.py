@@ -21,6 +21,7 @@ from agents.publish import check_unpublished, publish
 from agents.recipes import ALGORITHMS, TASKS, Recipe, recipe
 from agents.train import Progress, References, Result, check_new, resumed_recipe, train
 from qcar_env.evaluation.storage import check_folder, replacing
+from qcar_env.plots.learning import progress as draw
 from qcar_env.validation import positive, whole
 
 RUNS = Path("runs")
@@ -122,7 +123,10 @@ def _one(
             tensorboard=args.tensorboard,
             report=report,
         )
-    _figure(result)
+    curves = {name: [getattr(each, name) for each in result.history] for name in ("x1", "x2")}
+    figure = draw(curves, [each.wall for each in result.history])
+    with replacing(result.folder / "learning_curve.png") as path:
+        figure.savefig(path, dpi=150)
     for scale, found in result.validation.items():
         print(
             f"  s = {scale}: rho {found['rho']:.4f} (optimum {found['optimum']:.4f}), "
@@ -141,27 +145,6 @@ def describe(progress: Progress, beside: References) -> str:
         f"x1 {x1:.1f}, x2 {x2:.1f} dB (CNVC {c1:.1f}, {c2:.1f}); "
         f"rho {progress.rho:.4f} (optimum {beside.optimum:.4f})"
     )
-
-
-def _figure(result: Result) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib.figure import Figure
-
-    from qcar_env.plots.learning import COLOURS, learning_curve
-
-    figure = Figure(figsize=(6.0, 3.6), layout="constrained")
-    axes = figure.subplots()
-    wall = [each.wall for each in result.history]
-    for name, colour in (("x1", COLOURS[0]), ("x2", COLOURS[1])):
-        curve = [getattr(each, name) for each in result.history]
-        learning_curve(axes, wall, [curve], label=f"{name} / uncontrolled", colour=colour)
-    axes.set_xlabel("training time [s]")
-    axes.set_ylabel("relative amplitude [-]")
-    axes.legend()
-    with replacing(result.folder / "learning_curve.png") as path:
-        figure.savefig(path, dpi=150)
 
 
 if __name__ == "__main__":

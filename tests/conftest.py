@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from hypothesis import settings, strategies as st
 
-from qcar_env.physics import roads
-from qcar_env.physics.car import QuarterCar
+from qcar_env.physics.car import PaperCar, QuarterCar
 from qcar_env.physics.external_force import ExternalForce
-from qcar_env.physics.roads import Road
 from qcar_env.physics.state import Filter, State
+from qcar_env.roads import excitation as roads
+from qcar_env.roads.excitation import Excitation
 
 settings.register_profile("repeatable", deadline=None, derandomize=True, max_examples=50)
 settings.register_profile("explore", deadline=None, max_examples=1000)
@@ -50,14 +50,15 @@ COEFFICIENTS = {
 HUMP = {"h": between(-0.2, 0.2), "omega": between(1.0, 100.0), "start": between(-1.0, 1.0)}
 
 st.register_type_strategy(
-    QuarterCar,
+    PaperCar,
     st.one_of(
-        st.builds(QuarterCar.from_physical, **PHYSICAL, reciprocal=st.booleans()),
-        st.builds(QuarterCar, **COEFFICIENTS),
+        st.builds(PaperCar.from_physical, **PHYSICAL, reciprocal=st.booleans()),
+        st.builds(PaperCar, **COEFFICIENTS),
     ),
 )
+st.register_type_strategy(QuarterCar, st.builds(QuarterCar.from_physical, **PHYSICAL))
 st.register_type_strategy(
-    Road,
+    Excitation,
     st.one_of(
         st.builds(roads.harmonic, h=HUMP["h"], omega=HUMP["omega"]),
         st.builds(roads.hump, **HUMP),

@@ -23,10 +23,12 @@ import numpy as np
 import pytest
 
 from qcar_env.control import LAWS as LAWS_BY_NAME
-from qcar_env.evaluation.benchmark import Bound, History, Row, Standing
-from qcar_env.evaluation.comparison import outcome
+from qcar_env.evaluation.benchmark import Outcome
+from qcar_env.evaluation.bounds import Bound
+from qcar_env.evaluation.comparison import PERIODS, Comparison
+from qcar_env.evaluation.outcome import outcome
 from qcar_env.evaluation.rollouts import Rollout
-from qcar_env.evaluation.statistics import Interval
+from qcar_env.evaluation.score import History, Row
 from qcar_env.evaluation.tracks import TRACKS
 from qcar_env.plots.benchmark import LOOKS
 from qcar_env.report.benchmark import benchmark
@@ -204,15 +206,16 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A report of motions that are known."""
     base = scenario("paper")
     rollouts = {name: motion(1.1 / 2**number) for number, name in enumerate(LAWS)}
-    outcomes = [outcome(name, each, base.reference_amplitudes) for name, each in rollouts.items()]
-    content = comparison(
-        base,
-        outcomes,
-        rollouts,
-        {name: LAWS_BY_NAME[name]() for name in LAWS},
+    outcomes = [outcome(name, each, periods=PERIODS) for name, each in rollouts.items()]
+    found = Comparison(
+        scenario=base,
+        outcomes=tuple(outcomes),
+        rollouts=rollouts,
+        laws={name: LAWS_BY_NAME[name]() for name in LAWS},
         duration=12.0,
-        provenance={"command": "python scripts/compare.py --report", "note": "</script> & <b>"},
     )
+    provenance = {"command": "python scripts/compare.py --report", "note": "</script> & <b>"}
+    content = comparison(found, provenance)
     return write(tmp_path_factory.mktemp("report") / "report.html", content)
 
 
@@ -403,7 +406,7 @@ def full_size(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rng = np.random.default_rng(0)
     names = [*LOOKS, *(f"policy {number}" for number in range(36))]
     cases = [(track, scale) for track in TRACKS.values() for scale in track.force_scales]
-    rows, histories, found = [], {}, []
+    rows, histories = [], {}
     numbers = [each.name for each in dataclasses.fields(Row) if each.type == "float"]
     t = 0.005 * np.arange(140)
     for track, scale in cases:
@@ -411,36 +414,23 @@ def full_size(tmp_path_factory: pytest.TempPathFactory) -> Path:
             values = rng.uniform(0.1, 1.0, track.episodes)
             common = {"policy": name, "kind": "tuned", "reads": "full", "track": track.name}
             for episode, value in enumerate(values):
-                rest = dict.fromkeys(numbers, float(value)) | {"force_scale": scale}
+                rest = dict.fromkeys(numbers, float(value)) | {"force_scale": scale, "drawn": ""}
                 rows.append(Row(**common, version=1, episode=episode, terminated=False, **rest))
-            interval = Interval(
-                value=values.mean(), low=values.min(), high=values.max(), level=0.95
-            )
-            found.append(
-                Standing(
-                    **common,
-                    force_scale=scale,
-                    rho=interval,
-                    optimum=0.05,
-                    improvement=None,
-                    terminated=0,
-                )
-            )
             x = rng.normal(size=(140, 4))
             histories[(name, track.name, scale)] = History(t=t, x=x, force=x[:, :2])
     bounds = {
         (track.name, scale): (Bound(lower=0.05, upper=0.06),) * track.episodes
         for track, scale in cases
     }
-    content = benchmark(
-        list(TRACKS.values()),
-        rows,
-        found,
-        bounds,
-        histories,
-        findings=[f"finding {number}" for number in range(30)],
-        provenance={"command": "a test"},
+    outcome = Outcome(
+        tracks=tuple(TRACKS.values()),
+        seed=None,
+        rows=tuple(rows),
+        histories=histories,
+        bounds=bounds,
+        failures=(),
     )
+    content = benchmark(outcome, {"command": "a test"})
     return write(tmp_path_factory.mktemp("benchmark") / "report.html", content)
 
 

@@ -22,7 +22,7 @@ def write_pages(app: Sphinx) -> None:
         if parts[-1] == "__init__":
             continue
         name = ".".join(parts)
-        section = parts[1] if len(parts) > 2 else "scenarios"
+        section = parts[1] if len(parts) > 2 else "checks"
         sections.setdefault(section, []).append((name, summary))
         pages[name] = (
             f"# `{name}`\n\n```{{eval-rst}}\n.. automodule:: {name}\n   :show-inheritance:\n```\n"

@@ -15,7 +15,6 @@ import dataclasses
 import importlib
 import inspect
 import json
-import math
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
@@ -26,14 +25,27 @@ from sphinx.application import Sphinx
 
 from baselines import catalogue
 from qcar_env.control import LAWS
-from qcar_env.envs import task
+from qcar_env.envs.episode import FULL
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.evaluation.tracks import TRACKS
-from qcar_env.physics.car import UNITS
+from qcar_env.parts.part import Part, units
 from qcar_env.physics.linear import modes
+from qcar_env.physics.signals import SIGNALS, signal
 from qcar_env.scenarios import SCENARIOS, Scenario
 
 ROOT = Path(__file__).parents[2]
+
+TITLES = {  # of the coefficients of the paper's car
+    "omega1": "wheel, body held",
+    "omega2": "body, wheel held",
+    "b1": "damping of the wheel",
+    "b2": "damping of the body",
+    "E1": "spring coupling on the wheel",
+    "E2": "damper coupling on the wheel",
+    "E3": "spring coupling on the body",
+    "mu1": "tyre stiffness per wheel mass",
+    "mu2": "tyre damping per wheel mass",
+}
 
 
 def environment() -> str:
@@ -45,25 +57,21 @@ def environment() -> str:
 
 def observations() -> str:
     """Return what one unit of each observation is in the named scenarios."""
-    units = ("m", "m", "m/s", "m/s", "m", "m/s", "m/s²", "m/s³")
     rows = []
     for scenario in SCENARIOS.values():
-        scales = task.scales(scenario)
-        road, force = scenario.road, scenario.force
-        ones = (
-            1.0 / scales.x1,
-            1.0 / scales.x2,
-            1.0 / scales.v1,
-            1.0 / scales.v2,
-            road.h,
-            road.h * road.omega,
-            force.f,
-            force.f * force.Omega,
-        )
+        ones = [scenario.reference.scale(signal(name), scenario) for name in FULL]
         rows.append([f"`{scenario.name}`", *(f"{one:.4g}" if one else "-" for one in ones)])
-    names = ("x1", "x2", "v1", "v2", "y", "y'", "F", "F'")
-    header = [f"{name} [{unit}]" for name, unit in zip(names, units, strict=True)]
+    header = [f"{name} [{_raised(SIGNALS[name].unit)}]" for name in FULL]
     return _table(["scenario", *header], rows)
+
+
+def signals() -> str:
+    """Return the table of signals."""
+    rows = []
+    for each in SIGNALS.values():
+        cars = "with masses" if each.needs_masses else "all"
+        rows.append([f"`{each.name}`", each.title, _raised(each.unit), cars])
+    return _table(["name", "what", "unit", "cars"], rows)
 
 
 def actions() -> str:
@@ -110,64 +118,55 @@ def scenarios() -> str:
 
 
 def _parameters(scenario: Scenario) -> list[list[str]]:
-    car, road, force, actuator = (
-        scenario.car,
-        scenario.road,
-        scenario.force,
-        scenario.actuator,
-    )
-    rows = []
-    names = {
-        "omega1": "wheel, body held",
-        "omega2": "body, wheel held",
-        "b1": "damping of the wheel",
-        "b2": "damping of the body",
-        "E1": "spring coupling on the wheel",
-        "E2": "damper coupling on the wheel",
-        "E3": "spring coupling on the body",
-        "mu1": "tyre stiffness per wheel mass",
-        "mu2": "tyre damping per wheel mass",
-        "m1": "mass of the wheel",
-        "m2": "mass of the body",
-    }
-    for name, unit in UNITS.items():
-        value = getattr(car, name)
-        if value is not None:
-            rows.append([names[name], f"`{name}`", f"{value:.5g}", _raised(unit)])
-    rows.append(["road", "", road.profile, ""])
-    rows.append(["height of the hump", "`h`", f"{road.h:g}", "m"])
-    if road.omega:
-        rows.append(["its frequency", "`omega`", f"{road.omega:.5g}", "rad/s"])
-    if math.isfinite(road.duration) and road.profile != "harmonic":
-        rows.append(["time over a hump", "", f"{road.duration:.4g}", "s"])
-    if road.start:
-        rows.append(["first hump at", "", f"{road.start:g}", "s"])
-    if force.f:
-        rows.append(["external force", "`f`", f"{force.f:g}", "m/s²"])
-        rows.append(["its frequency", "`Omega`", f"{force.Omega:g}", "rad/s"])
-    places = ("wheel", "body") if actuator.size == 2 else ("between the masses",)
-    for place, limit in zip(places, actuator.limit, strict=True):
-        rows.append([f"force limit, {place}", "", f"{limit:g}", _raised(actuator.unit)])
-    for number, mode in enumerate(modes(car), start=1):
-        rows.append(
-            [
-                f"mode {number}",
-                "",
-                f"{mode.frequency:.4g} rad/s, damping ratio {mode.damping_ratio:.3g}",
-                "",
-            ]
-        )
+    rows: list[list[str]] = []
+    for path, part in (("car", scenario.car), ("road", scenario.road)):
+        rows.append([path, type(part).__name__, "", ""])
+        rows += _numbers(part, path)
+    rows.append(["speed", "`speed`", f"{scenario.speed:.5g}", "m/s"])
+    if scenario.excitation.turning and scenario.excitation.omega:
+        omega = f"{scenario.excitation.omega:.5g}"
+        rows.append(["frequency of the road at that speed", "`omega`", omega, "rad/s"])
+    if scenario.force.f:
+        rows.append(["external force", "`force.f`", f"{scenario.force.f:g}", "m/s²"])
+        rows.append(["its frequency", "`force.Omega`", f"{scenario.force.Omega:g}", "rad/s"])
+    rows.append(["actuator", type(scenario.actuator).__name__, "", ""])
+    places = ("wheel", "body") if scenario.actuator.size == 2 else ("between the masses",)
+    for i, place in enumerate(places):
+        limit, unit = scenario.actuator.limit[i], _raised(scenario.actuator.unit)
+        rows.append([f"force limit, {place}", f"`actuator.limit.{i}`", f"{limit:g}", unit])
+    if scenario.car.linear:
+        for number, mode in enumerate(modes(scenario.car), start=1):
+            shown = f"{mode.frequency:.4g} rad/s, damping ratio {mode.damping_ratio:.3g}"
+            rows.append([f"mode {number}", "", shown, ""])
     for name, value in zip(("A1", "A2"), scenario.reference_amplitudes, strict=True):
         mass = "wheel" if name == "A1" else "body"
         rows.append([f"amplitude without control, {mass}", f"`{name}`", f"{value:.4g}", "m"])
     rows.append(["control interval", "`dt`", f"{scenario.dt * 1e3:g}", "ms"])
     rows.append(["RK4 steps in it", "`substeps`", str(scenario.substeps), ""])
     rows.append(["episode", "`duration`", f"{scenario.duration:g}", "s"])
-    if scenario.randomisation is not None:
-        for field in dataclasses.fields(scenario.randomisation):
-            low, high = getattr(scenario.randomisation, field.name)
-            if high > low:
-                rows.append([f"drawn: {field.name}", "", f"{low:g} to {high:g} times", ""])
+    for each in scenario.randomisation:
+        changed = ", ".join(
+            f"`{path}`" + ("" if power == 1.0 else f" to the power {power:g}")
+            for path, power in each.numbers.items()
+        )
+        drawn = ", ".join(f"{key} {value:g}" for key, value in dataclasses.asdict(each.by).items())
+        rows.append(["drawn as a factor", changed, f"{type(each.by).__name__}: {drawn}", ""])
+    return rows
+
+
+def _numbers(part: Part, path: str) -> list[list[str]]:
+    """Return the rows of a part's numbers, and of its own parts, by their paths."""
+    rows: list[list[str]] = []
+    unit = units(type(part))
+    for field in dataclasses.fields(part):
+        value, where = getattr(part, field.name), f"{path}.{field.name}"
+        if isinstance(value, Part):
+            rows.append([field.name, type(value).__name__, "", ""])
+            rows += _numbers(value, where)
+        elif field.name in unit:
+            what = TITLES.get(field.name, field.metadata["title"]) if path == "car" else ""
+            what = what or field.metadata["title"] or field.name
+            rows.append([what, f"`{where}`", f"{value:.5g}", _raised(unit[field.name])])
     return rows
 
 
@@ -214,7 +213,7 @@ def tracks() -> str:
                 f"{each.duration:g} s",
             ]
         )
-    return _table(["track", "what", "force limits", "shown", "crossings", "each"], rows)
+    return _table(["track", "what", "force limits", "shown", "episodes", "each"], rows)
 
 
 def baselines() -> str:
@@ -246,7 +245,7 @@ def agents() -> str:
 
 def throughput() -> str:
     """Return the table of `make throughput`: of the machine that builds, or of the one kept."""
-    from scripts.throughput import table
+    from qcar_env.evaluation.throughput.result import table
 
     for path in (
         ROOT / "results" / "throughput" / "throughput.json",
@@ -308,6 +307,7 @@ FACTS: dict[str, Callable[[], str]] = {
         layers,
         observations,
         scenarios,
+        signals,
         throughput,
         tracks,
         versions,

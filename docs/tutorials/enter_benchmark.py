@@ -16,8 +16,9 @@ import sys
 
 import numpy as np
 
-from baselines import catalogue
-from qcar_env.evaluation.benchmark import optimum_of, score
+import baselines
+from qcar_env.evaluation.benchmark import run
+from qcar_env.evaluation.entry import Entry
 from qcar_env.evaluation.tracks import TRACKS
 
 SHORT = "--short" in sys.argv
@@ -50,23 +51,28 @@ class Sign:
 # %% [markdown]
 # ## The score
 #
-# A track fixes crossings, force limits, what is shown and how long it lasts. rho is the larger of
-# the two steady amplitudes over those without control; the optimum is certified: no force within
-# the limit does better.
+# What enters is an `Entry`: a name, what it reads, and how the policy is made for a scenario with
+# its force limit. A track fixes episodes, force limits, what is shown and how long it lasts. rho is
+# the larger of the two steady amplitudes over those without control; the optimum is certified: no
+# force within the limit does better.
 
 # %%
+mine = Entry(
+    name="soft sign",
+    kind="yours",
+    title="soft sign",
+    make=lambda scenario, track, force_scale: Sign(scenario),
+    reads="feedback",
+)
 track = TRACKS["budget"]
 if SHORT:
     track = dataclasses.replace(track, episodes=2, duration=10.0, force_scales=(1.0,))
-for scale in track.force_scales:
-    nominal = track.at(scale)
-    entered = {"soft sign": Sign(nominal), "cnvc": catalogue.make("cnvc", nominal)}
-    best = np.mean([bound.lower for bound in optimum_of(track, scale)])
-    line = f"force limit x {scale:g}: optimum {best:.4f}"
-    for name, policy in entered.items():
-        found = score(policy, track, scale, name=name, kind="yours", reads="feedback")
-        line += f", {name} {np.mean([row.rho for row in found.rows]):.4f}"
-    print(line)
+outcome = run([track], [mine, *baselines.entries(["cnvc"])])
+for each in outcome.standings:
+    print(
+        f"force limit x {each.force_scale:g}: optimum {each.optimum:.4f}, "
+        f"{each.policy} {each.rho.value:.4f}"
+    )
 
 # %% [markdown]
 # ## The leaderboard

@@ -75,9 +75,9 @@ print(f"a frame of {frame.shape[1]} x {frame.shape[0]} pixels")
 # %%
 duration = 2.0 if SHORT else 60.0
 for name in ("none", "lnvc", "cnvc"):
-    crossing = rollout(catalogue.make(name, paper), paper, duration=duration)
+    episode = rollout(catalogue.make(name, paper), paper, duration=duration)
     parts = []
-    for x, without in zip((crossing.x1, crossing.x2), paper.reference_amplitudes, strict=True):
-        amplitude = steady_amplitude(crossing.t, x, paper.reference_frequency)
+    for x, without in zip((episode.x1, episode.x2), paper.reference_amplitudes, strict=True):
+        amplitude = steady_amplitude(episode.t, x, paper.reference_frequency)
         parts.append(f"{amplitude:.4f} m ({-reduction_db(without, amplitude):+.1f} dB)")
     print(f"{name:5s} wheel {parts[0]}, body {parts[1]}")

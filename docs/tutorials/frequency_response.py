@@ -19,10 +19,10 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from qcar_env.analysis.forced_car import ForcedCar
-from qcar_env.analysis.frequency_response import response
+from qcar_env.analysis.paper.forced_car import ForcedCar
+from qcar_env.analysis.paper.frequency_response import response
 from qcar_env.control import CNVC, LNVC, Passive
-from qcar_env.physics.car import QuarterCar
+from qcar_env.physics.car import PaperCar
 from qcar_env.physics.linear import modes
 from qcar_env.plots.response import response_curve
 from qcar_env.plots.style import journal, line
@@ -33,10 +33,11 @@ SHORT = "--short" in sys.argv
 # ## The car
 #
 # A small car's corner: 250 kg of body on 35 kg of wheel. Its two modes are a factor of nine apart;
-# in every car in print it is 7.5 to 17.
+# in every car in print it is 7.5 to 17. The method is the paper's, so the car is a `PaperCar`:
+# linear, by its coefficients.
 
 # %%
-car = QuarterCar.from_physical(m1=35.0, m2=250.0, k1=180e3, k2=18e3, c1=50.0, c2=900.0)
+car = PaperCar.from_physical(m1=35.0, m2=250.0, k1=180e3, k2=18e3, c1=50.0, c2=900.0)
 for number, mode in enumerate(modes(car), start=1):
     print(f"mode {number}: {mode.frequency:.2f} rad/s, damping ratio {mode.damping_ratio:.3f}")
 

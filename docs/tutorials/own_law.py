@@ -6,7 +6,7 @@ python docs/tutorials/own_law.py
 # %% [markdown]
 # # Write your own law
 #
-# A law is a frozen dataclass of its gains and a pure function that gives two forces. Written that
+# A law is a frozen record of its gains and a pure function that gives two forces. Written that
 # way it runs in the continuous-time simulation, as a sampled policy in the environment, and
 # beside the paper's laws. Here: velocity feedback of the fifth power, which fades even faster at
 # small amplitudes than the paper's cubic one.
@@ -14,80 +14,44 @@ python docs/tutorials/own_law.py
 # %%
 import sys
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from baselines.law_policy import LawPolicy
 from qcar_env.analysis.simulate import steady_amplitudes
 from qcar_env.control import CNVC
+from qcar_env.control.law import Law
 from qcar_env.evaluation.rollouts import rollout
+from qcar_env.parts.part import number
 from qcar_env.scenarios import scenario
 from qcar_env.validation import non_negative
 
 SHORT = "--short" in sys.argv
 
 # %% [markdown]
-# ## The formula
-#
-# The formula is arithmetic alone, without `**` and without library calls, so that the same
-# function runs on numbers, on arrays of many cars, and inside compiled code. `x` is the state
-# with the entries `x1`, `x2`, `v1`, `v2`; `eta` is the law's filter, which this law does not
-# have.
-
-
-# %%
-class QuinticGains(NamedTuple):
-    """Gains of `command`."""
-
-    G1: float  # wheel [s^4/m^4]
-    G2: float  # body [s^4/m^4]
-
-
-def command(x, eta, gains):
-    """Return ``(-G1 v1^5, -G2 v2^5)`` [m/s^2]."""
-    square1, square2 = x.v1 * x.v1, x.v2 * x.v2
-    return -gains.G1 * (square1 * square1 * x.v1), -gains.G2 * (square2 * square2 * x.v2)
-
-
-# %% [markdown]
 # ## The law
 #
-# The dataclass checks its gains once. `check` refuses cars that the law would destabilise: this
-# one only takes energy out, as its power `G v^6` is never negative.
+# Each gain is declared with its unit and its check. The formula is arithmetic alone, without `**`
+# and without library calls, so that the same function runs on numbers, on arrays of many cars, and
+# inside compiled code. `x` is the state with the entries `x1`, `x2`, `v1`, `v2`; `eta` is the law's
+# filter, which this law does not have; `p` are its gains. It only takes energy out, as its power
+# `G v^6` is never negative; a law that can destabilise a car says so in `check(car)`.
 
 
 # %%
 @dataclass(frozen=True, kw_only=True)
-class Quintic:
+class Quintic(Law):
     """Quintic negative velocity control."""
 
-    G1: float = 0.02
-    G2: float = 0.2
+    G1: float = number("gain", "s^3/m^4", non_negative, 0.02)
+    G2: float = number("gain", "s^3/m^4", non_negative, 0.2)
     name = "quintic"
 
-    def __post_init__(self):
-        """Check the gains."""
-        non_negative("gain G1", self.G1, "s^4/m^4")
-        non_negative("gain G2", self.G2, "s^4/m^4")
-
-    @property
-    def gains(self):
-        """The gains as plain floats."""
-        return QuinticGains(float(self.G1), float(self.G2))
-
-    @property
-    def command(self):
-        """The law's formula."""
-        return command
-
-    @property
-    def filter_rate(self):
-        """None: the law has no memory."""
-        return None
-
-    def check(self, car):
-        """Accept every car."""
+    @staticmethod
+    def command(x, eta, p):
+        """Return ``(-G1 v1^5, -G2 v2^5)`` [m/s^2]."""
+        square1, square2 = x.v1 * x.v1, x.v2 * x.v2
+        return -p.G1 * (square1 * square1 * x.v1), -p.G2 * (square2 * square2 * x.v2)
 
 
 # %% [markdown]
@@ -99,7 +63,7 @@ class Quintic:
 paper = scenario("paper")
 laws = [CNVC(), Quintic(), Quintic(G1=0.1, G2=1.0)]
 for law in laws:
-    found = steady_amplitudes(paper.car, paper.road, paper.force, law)
+    found = steady_amplitudes(paper.car, paper.excitation, paper.force, law)
     print(f"{law}: wheel {float(found.x1):.4f} m, body {float(found.x2):.4f} m")
 
 # %% [markdown]
@@ -110,10 +74,10 @@ for law in laws:
 # %%
 duration = 2.0 if SHORT else 60.0
 for law in laws:
-    crossing = rollout(LawPolicy(law, paper), paper, duration=duration)
+    episode = rollout(LawPolicy(law, paper), paper, duration=duration)
     last = slice(-200, None)
-    x1, x2 = np.abs(crossing.x1[last]).max(), np.abs(crossing.x2[last]).max()
-    peak = np.abs(crossing.force[last]).max(axis=0)
+    x1, x2 = np.abs(episode.x1[last]).max(), np.abs(episode.x2[last]).max()
+    peak = np.abs(episode.force[last]).max(axis=0)
     print(
         f"{law}: wheel {x1:.4f} m, body {x2:.4f} m, peak force {peak[0]:.0f} / {peak[1]:.1f} m/s^2"
     )

@@ -66,12 +66,12 @@ train(how, seed=0, folder=folder, force=True, report=say)
 # %%
 paper = scenario("paper")
 for name, policy in (("CNVC", catalogue.make("cnvc", paper)), ("SAC", load(folder))):
-    crossing = rollout(policy, paper, duration=5.0 if SHORT else 60.0)
+    episode = rollout(policy, paper, duration=5.0 if SHORT else 60.0)
     parts = []
-    for x, without in zip((crossing.x1, crossing.x2), paper.reference_amplitudes, strict=True):
-        amplitude = steady_amplitude(crossing.t, x, paper.reference_frequency)
+    for x, without in zip((episode.x1, episode.x2), paper.reference_amplitudes, strict=True):
+        amplitude = steady_amplitude(episode.t, x, paper.reference_frequency)
         parts.append(f"{amplitude:.5f} m ({-reduction_db(without, amplitude):+.1f} dB)")
-    peak = np.abs(crossing.force).max(axis=0)
+    peak = np.abs(episode.force).max(axis=0)
     print(f"{name:5s} wheel {parts[0]}, body {parts[1]}, peak force {peak[0]:.0f} / {peak[1]:.0f}")
 
 # %% [markdown]

@@ -131,16 +131,28 @@ class HarmonicBalance:
         # to (n, a, k, b, l)
         return np.ascontiguousarray(np.transpose(inner, (2, 0, 4, 1, 3))).reshape(n, m * k, m * k)
 
+    def unknowns(self, amplitudes: NDArray[np.complex128]) -> Array:
+        """Return `z` with complex `amplitudes` (m, n) at the forcing frequency and nothing else."""
+        c = np.zeros((*amplitudes.shape, self.coefficients))
+        c[:, :, 1], c[:, :, 2] = amplitudes.real, -amplitudes.imag
+        return self._as_columns(c / self.system.scale[:, :, None])
+
+    def motions(self, z: Array, converged: NDArray[np.bool_]) -> PeriodicMotions:
+        """Return the motions that `z` stands for."""
+        return PeriodicMotions(
+            coefficients=self._per_state(z) * self.system.scale[:, :, None],
+            omega=np.asarray(self.system.omega, dtype=float),
+            converged=converged,
+            residual=np.max(np.abs(self.residual(z)), axis=0),
+        )
+
     def _matrices(self) -> tuple[Array, Array, Array]:
         """Return series (K, t), its derivative by the phase (K, t), and the analysis (t, K)."""
-        phase = self.phase
-        order = np.arange(1, self.harmonics + 1)
-        angle = order[:, None] * phase
-        series = np.empty((self.coefficients, len(phase)))
+        series = fourier_series(self.harmonics, self.phase)
+        order = np.arange(1, self.harmonics + 1)[:, None]
         slope = np.zeros_like(series)
-        series[0], series[1::2], series[2::2] = 1.0, np.cos(angle), np.sin(angle)
-        slope[1::2], slope[2::2] = -order[:, None] * np.sin(angle), order[:, None] * np.cos(angle)
-        analysis = 2.0 / len(phase) * series.T
+        slope[1::2], slope[2::2] = -order * series[2::2], order * series[1::2]
+        analysis = 2.0 / len(self.phase) * series.T
         analysis[:, 0] /= 2.0
         return series, slope, analysis
 
@@ -169,11 +181,7 @@ class PeriodicMotions:
 
     def states(self, phase: Array) -> Array:
         """Return the states at `phase` (k,) [rad], shape (m, n, k)."""
-        order = np.arange(1, self.harmonics + 1)
-        angle = order[:, None] * np.asarray(phase, dtype=float)
-        series = np.empty((self.coefficients.shape[2], angle.shape[1]))
-        series[0], series[1::2], series[2::2] = 1.0, np.cos(angle), np.sin(angle)
-        return self.coefficients @ series
+        return self.coefficients @ fourier_series(self.harmonics, phase)
 
     @property
     def peaks(self) -> Array:
@@ -223,21 +231,20 @@ def balance(
         If `start` has another shape, or a number is out of range.
     """
     equations = HarmonicBalance(system=system, harmonics=harmonics, samples=samples)
-    m, n = system.dimension, len(system.omega)
-    c = np.zeros((m, n, equations.coefficients))
-    if start is not None:
+    if start is None:
+        given = np.zeros((system.dimension, len(system.omega)), dtype=np.complex128)
+    else:
         given = of_each_state("start", start, system, kinds="iufc").astype(np.complex128)
-        c[:, :, 1], c[:, :, 2] = given.real, -given.imag
-    c /= system.scale[:, :, None]
-    z = np.moveaxis(c, 1, 2).reshape(-1, n)
-    found = newton(equations.residual, equations.jacobian, z)
-    solved = np.moveaxis(found.z.reshape(m, equations.coefficients, n), 2, 1)
-    return PeriodicMotions(
-        coefficients=solved * system.scale[:, :, None],
-        omega=np.asarray(system.omega, dtype=float),
-        converged=found.converged,
-        residual=found.residual,
-    )
+    found = newton(equations.residual, equations.jacobian, equations.unknowns(given))
+    return equations.motions(found.z, found.converged)
+
+
+def fourier_series(harmonics: int, phase: Array) -> Array:
+    """Return ``1, cos(phase), sin(phase), cos(2 phase), ...`` at phases (k,), (2 H + 1, k)."""
+    angle = np.arange(1, harmonics + 1)[:, None] * np.asarray(phase, dtype=float)
+    series = np.empty((2 * harmonics + 1, angle.shape[1]))
+    series[0], series[1::2], series[2::2] = 1.0, np.cos(angle), np.sin(angle)
+    return series
 
 
 def of_each_state(

@@ -1,4 +1,4 @@
-"""Newton's method with a line search, for many systems of equations at once."""
+"""Newton's method with a line search, and derivatives, for many systems of equations at once."""
 
 from __future__ import annotations
 
@@ -84,6 +84,37 @@ def newton(
         moved = np.max(np.abs(step), axis=0)
         converged |= ~dead & (moved <= tolerance * _largest(z))
     return Roots(z=z, converged=converged, residual=_size(residual(z)), iterations=iterations)
+
+
+def numerical_jacobian(function: Callable[[Array], Array], z: Array) -> Array:
+    """Differentiate a vectorised function by central differences.
+
+    Parameters
+    ----------
+    function : callable
+        Maps (m, k) to (m', k), column by column; called once, with all shifted columns, in the
+        order of the columns of `z` repeated ``2 m`` times.
+    z : ndarray (m, n)
+        Where.
+
+    Returns
+    -------
+    ndarray (n, m', m)
+
+    Notes
+    -----
+    The step is the cube root of the rounding unit times the largest entry of the column: the
+    relative error is about 1e-10 for entries of the size of the largest.
+    """
+    m, n = z.shape
+    step = np.cbrt(np.finfo(float).eps) * np.maximum(np.max(np.abs(z), axis=0), 1e-6)
+    shifts = step[None, None, :] * np.eye(m)[:, :, None]  # (component, shifted one, n)
+    columns = np.concatenate(
+        [(z[:, None, :] + shifts).reshape(m, -1), (z[:, None, :] - shifts).reshape(m, -1)], axis=1
+    )
+    values = function(columns).reshape(-1, 2, m, n)
+    slopes = (values[:, 0] - values[:, 1]) / (2.0 * step)
+    return np.moveaxis(slopes, 2, 0)
 
 
 def _size(values: Array) -> Array:

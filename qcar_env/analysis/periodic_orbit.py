@@ -9,16 +9,14 @@ the averaged statement is held against.
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.analysis.averaging import numerical_jacobian
 from qcar_env.analysis.harmonic_balance import MOST_SAMPLES, PeriodicSystem, of_each_state
-from qcar_env.analysis.newton import newton
+from qcar_env.analysis.newton import newton, numerical_jacobian
 from qcar_env.physics.rk4 import rk4_step, step_fractions
 from qcar_env.validation import whole
 
@@ -92,7 +90,7 @@ def orbit_states(system: PeriodicSystem, state: Array, *, steps: int = STEPS) ->
     x = np.asarray(state, dtype=float)
     for index in range(steps):
         begin, middle, end = (np.array([turn * (index + part)]) for part in (0.0, 0.5, 1.0))
-        x = rk4_step(system.rate, _advance, operator.add, x, step, begin, middle, end)
+        x = rk4_step(system.rate, x, step, begin, middle, end)
         yield x
 
 
@@ -165,7 +163,3 @@ def periodic_orbits(system: PeriodicSystem, start: Array, *, steps: int = STEPS)
         period=2.0 * np.pi / np.asarray(system.omega, dtype=float),
         converged=found.converged,
     )
-
-
-def _advance(x: Array, step: Array, rate: Array) -> Array:
-    return x + step * rate

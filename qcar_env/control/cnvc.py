@@ -3,27 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-from qcar_env.control.law import Command, FilterRate
-from qcar_env.physics.car import QuarterCar
-from qcar_env.validation import non_negative, store
-
-
-class CNVCGains(NamedTuple):
-    """Gains of `command`."""
-
-    G1: Any  # wheel [s/m^2]
-    G2: Any  # body [s/m^2]
-
-
-def command(x: Any, eta: Any, gains: Any) -> tuple[Any, Any]:
-    """Return ``(-G1 v1^3, -G2 v2^3)`` [m/s^2] (arguments: `qcar_env.control.law.Law`)."""
-    return -gains.G1 * (x.v1 * x.v1 * x.v1), -gains.G2 * (x.v2 * x.v2 * x.v2)
+from qcar_env.control.law import Law
+from qcar_env.parts.part import number
+from qcar_env.validation import non_negative
 
 
 @dataclass(frozen=True, kw_only=True)
-class CNVC:
+class CNVC(Law):
     """Cubic negative velocity control.
 
     Parameters
@@ -45,32 +33,12 @@ class CNVC:
     step above ``2.78 / (3 G v^2)`` diverges.
     """
 
-    G1: float = 1.2
-    G2: float = 1.2
+    G1: float = number("gain", "s/m^2", non_negative, 1.2)
+    G2: float = number("gain", "s/m^2", non_negative, 1.2)
+
     name = "CNVC"
 
-    def __post_init__(self) -> None:
-        """Check the gains."""
-        store(
-            self,
-            G1=non_negative("gain G1", self.G1, "s/m^2"),
-            G2=non_negative("gain G2", self.G2, "s/m^2"),
-        )
-
-    @property
-    def gains(self) -> CNVCGains:
-        """The gains as plain floats."""
-        return CNVCGains(float(self.G1), float(self.G2))
-
-    @property
-    def command(self) -> Command:
-        """The law's formula."""
-        return command
-
-    @property
-    def filter_rate(self) -> FilterRate | None:
-        """None: the law has no memory."""
-        return None
-
-    def check(self, car: QuarterCar) -> None:
-        """Accept every car: the law only takes energy out."""
+    @staticmethod
+    def command(x: Any, eta: Any, p: Any) -> tuple[Any, Any]:
+        """Return ``(-G1 v1^3, -G2 v2^3)`` [m/s^2]."""
+        return -p.G1 * (x.v1 * x.v1 * x.v1), -p.G2 * (x.v2 * x.v2 * x.v2)

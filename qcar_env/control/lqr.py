@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm, solve_discrete_are
 
 from qcar_env.physics import linear
-from qcar_env.physics.car import QuarterCar
+from qcar_env.physics.car import Car
 from qcar_env.validation import non_negative, positive, store
 
 Array = NDArray[np.float64]
@@ -46,12 +46,12 @@ class SampledPlant:
     dt: float  # [s]
 
 
-def sampled_plant(car: QuarterCar, scale: Array, push: Array, dt: float) -> SampledPlant:
+def sampled_plant(car: Car, scale: Array, push: Array, dt: float) -> SampledPlant:
     """Return the scaled plant.
 
     Parameters
     ----------
-    car : QuarterCar
+    car : Car
         The plant.
     scale : ndarray (4,)
         What the states ``(x1, x2, v1, v2)`` are divided by [m, m, m/s, m/s]; positive.
@@ -60,12 +60,13 @@ def sampled_plant(car: QuarterCar, scale: Array, push: Array, dt: float) -> Samp
     dt : float
         Control interval [s].
     """
+    plant = linear.matrices(car)
     a, b = linear.held_transition(car, dt)
     return SampledPlant(
         A=a * scale / scale[:, np.newaxis],
         B=b @ push / scale[:, np.newaxis],
-        matrix=linear.system_matrix(car) * scale / scale[:, np.newaxis],
-        into=linear.input_matrix() @ push / scale[:, np.newaxis],
+        matrix=plant.A * scale / scale[:, np.newaxis],
+        into=plant.B @ push / scale[:, np.newaxis],
         dt=positive("dt", dt, "s"),
     )
 
@@ -132,12 +133,12 @@ def held_mean(omega: float, dt: float) -> tuple[float, float]:
     return math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle
 
 
-def feedforward(car: QuarterCar, push: Array, omega: float, Omega: float, dt: float) -> Array:
+def feedforward(car: Car, push: Array, omega: float, Omega: float, dt: float) -> Array:
     """Return the gain on ``(y, y', F, F')`` that cancels road and force over the next interval.
 
     Parameters
     ----------
-    car : QuarterCar
+    car : Car
         The plant.
     push : ndarray (2, 2)
         Specific forces that action 1 of each actuator makes [m/s^2].
@@ -162,19 +163,16 @@ def feedforward(car: QuarterCar, push: Array, omega: float, Omega: float, dt: fl
     c, d = held_mean(Omega, dt)
     slope_y = b / omega if omega else 0.0
     slope_F = d / Omega if Omega else 0.0
-    # d/dt of (y, y') is (y', -omega^2 y).
-    disturbance = np.array(
+    mean = np.array(  # of (y, y', F), since (y', y'') is (y', -omega^2 y)
         [
-            [
-                car.mu1 * a - car.mu2 * omega * omega * slope_y,
-                car.mu1 * slope_y + car.mu2 * a,
-                0.0,
-                0.0,
-            ],
+            [a, slope_y, 0.0, 0.0],
+            [-omega * omega * slope_y, a, 0.0, 0.0],
             [0.0, 0.0, c, slope_F],
         ]
     )
-    return np.asarray(-np.linalg.solve(push, disturbance), dtype=np.float64)
+    plant = linear.matrices(car)
+    into, disturbance = (plant.B @ push)[2:], (plant.R @ mean)[2:]  # of the rates of v1 and v2
+    return np.asarray(-np.linalg.solve(into, disturbance), dtype=np.float64)
 
 
 @dataclass(frozen=True, kw_only=True)

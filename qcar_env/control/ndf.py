@@ -12,14 +12,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from qcar_env.control.law import Command, FilterRate
-from qcar_env.physics.car import QuarterCar
+from qcar_env.control.law import Law
+from qcar_env.parts.part import number
 from qcar_env.physics.state import Filter
-from qcar_env.validation import non_negative, positive, store
+from qcar_env.validation import non_negative, positive
 
 
-class NDFGains(NamedTuple):
-    """Gains and filter coefficients of `command` and `filter_rate`."""
+class NDFNumbers(NamedTuple):
+    """Gains and filter coefficients as `NDF.command` and `NDF.filter_rate` take them."""
 
     G1: Any  # wheel [1/s]
     G2: Any  # body [1/s]
@@ -29,25 +29,8 @@ class NDFGains(NamedTuple):
     damping2: Any  # 2 zeta2 omega_f2 [1/s]
 
 
-def command(x: Any, eta: Any, gains: Any) -> tuple[Any, Any]:
-    """Return ``(-G1 eta1', -G2 eta2')`` [m/s^2] (arguments: `qcar_env.control.law.Law`)."""
-    return -gains.G1 * eta.eta1_dot, -gains.G2 * eta.eta2_dot
-
-
-def filter_rate(x: Any, eta: Any, gains: Any) -> Filter:
-    """Return the rate of the filter (arguments: `qcar_env.control.law.Law`)."""
-    w1 = gains.omega_f1
-    w2 = gains.omega_f2
-    return Filter(
-        eta.eta1_dot,
-        eta.eta2_dot,
-        w1 * (x.v1 - w1 * eta.eta1) - gains.damping1 * eta.eta1_dot,
-        w2 * (x.v2 - w2 * eta.eta2) - gains.damping2 * eta.eta2_dot,
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
-class NDF:
+class NDF(Law):
     """Negative derivative feedback.
 
     Parameters
@@ -71,47 +54,42 @@ class NDF:
     At `omega_f` it equals velocity feedback with gain ``G / (2 zeta)``.
     """
 
-    G1: float = 1.2
-    G2: float = 1.2
-    omega_f1: float = 55.0
-    omega_f2: float = 55.0
-    zeta1: float = 0.23
-    zeta2: float = 0.23
-    name = "NDF"
+    G1: float = number("gain", "1/s", non_negative, 1.2)
+    G2: float = number("gain", "1/s", non_negative, 1.2)
+    omega_f1: float = number("", "rad/s", positive, 55.0)
+    omega_f2: float = number("", "rad/s", positive, 55.0)
+    zeta1: float = number("", "-", positive, 0.23)
+    zeta2: float = number("", "-", positive, 0.23)
 
-    def __post_init__(self) -> None:
-        """Check the arguments."""
-        store(
-            self,
-            G1=non_negative("gain G1", self.G1, "1/s"),
-            G2=non_negative("gain G2", self.G2, "1/s"),
-            omega_f1=positive("omega_f1", self.omega_f1, "rad/s"),
-            omega_f2=positive("omega_f2", self.omega_f2, "rad/s"),
-            zeta1=positive("zeta1", self.zeta1),
-            zeta2=positive("zeta2", self.zeta2),
-        )
+    name = "NDF"
+    State = Filter
 
     @property
-    def gains(self) -> NDFGains:
-        """Gains and filter coefficients as plain floats."""
-        return NDFGains(
-            float(self.G1),
-            float(self.G2),
-            float(self.omega_f1),
-            float(self.omega_f2),
+    def numbers(self) -> NDFNumbers:
+        """Gains and filter coefficients."""
+        return NDFNumbers(
+            self.G1,
+            self.G2,
+            self.omega_f1,
+            self.omega_f2,
             2.0 * self.zeta1 * self.omega_f1,
             2.0 * self.zeta2 * self.omega_f2,
         )
 
-    @property
-    def command(self) -> Command:
-        """The law's output."""
-        return command
+    @staticmethod
+    def command(x: Any, eta: Any, p: Any) -> tuple[Any, Any]:
+        """Return ``(-G1 eta1', -G2 eta2')`` [m/s^2]."""
+        return -p.G1 * eta.eta1_dot, -p.G2 * eta.eta2_dot
 
-    @property
-    def filter_rate(self) -> FilterRate | None:
-        """The law's filter."""
-        return filter_rate
-
-    def check(self, car: QuarterCar) -> None:
-        """Accept every car: the filter is positive real."""
+    @staticmethod
+    def filter_rate(  # pyright: ignore[reportIncompatibleVariableOverride]
+        x: Any, eta: Any, p: Any
+    ) -> Filter:
+        """Return the rate of the filter."""
+        w1, w2 = p.omega_f1, p.omega_f2
+        return Filter(
+            eta.eta1_dot,
+            eta.eta2_dot,
+            w1 * (x.v1 - w1 * eta.eta1) - p.damping1 * eta.eta1_dot,
+            w2 * (x.v2 - w2 * eta.eta2) - p.damping2 * eta.eta2_dot,
+        )

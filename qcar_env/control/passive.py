@@ -3,43 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-from qcar_env.control.law import Command, FilterRate
-from qcar_env.physics.car import QuarterCar
-
-
-class NoGains(NamedTuple):
-    """Gains of `command`."""
-
-    zero: Any = 0.0  # [1/s]
-
-
-def command(x: Any, eta: Any, gains: Any) -> tuple[Any, Any]:
-    """Return ``(0, 0)`` in the state's own kind (arguments: `qcar_env.control.law.Law`)."""
-    return gains.zero * x.v1, gains.zero * x.v2
+from qcar_env.control.law import Law
 
 
 @dataclass(frozen=True, kw_only=True)
-class Passive:
+class Passive(Law):
     """No control."""
 
     name = "none"
 
-    @property
-    def gains(self) -> NoGains:
-        """No gains."""
-        return NoGains()
-
-    @property
-    def command(self) -> Command:
-        """Zero force."""
-        return command
-
-    @property
-    def filter_rate(self) -> FilterRate | None:
-        """None: there is no memory."""
-        return None
-
-    def check(self, car: QuarterCar) -> None:
-        """Accept every car."""
+    @staticmethod
+    def command(x: Any, eta: Any, p: Any) -> tuple[Any, Any]:
+        """Return ``(0, 0)`` [m/s^2] in the state's own kind."""
+        return 0.0 * x.v1, 0.0 * x.v2

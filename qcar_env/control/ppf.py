@@ -11,15 +11,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from qcar_env.control.law import Command, FilterRate
+from qcar_env.control.law import Law
 from qcar_env.control.static_stability import check_static_stiffness
-from qcar_env.physics.car import QuarterCar
+from qcar_env.parts.part import number
+from qcar_env.physics.car import Car
 from qcar_env.physics.state import Filter
-from qcar_env.validation import non_negative, positive, store
+from qcar_env.validation import non_negative, positive
 
 
-class PPFGains(NamedTuple):
-    """Gains and filter coefficients of `command` and `filter_rate`."""
+class PPFNumbers(NamedTuple):
+    """Gains and filter coefficients as `PPF.command` and `PPF.filter_rate` take them."""
 
     G1: Any  # wheel [1/s^2]
     G2: Any  # body [1/s^2]
@@ -29,23 +30,8 @@ class PPFGains(NamedTuple):
     damping2: Any  # 2 zeta2 omega_f2 [1/s]
 
 
-def command(x: Any, eta: Any, gains: Any) -> tuple[Any, Any]:
-    """Return ``(G1 eta1, G2 eta2)`` [m/s^2] (arguments: `qcar_env.control.law.Law`)."""
-    return gains.G1 * eta.eta1, gains.G2 * eta.eta2
-
-
-def filter_rate(x: Any, eta: Any, gains: Any) -> Filter:
-    """Return the rate of the filter (arguments: `qcar_env.control.law.Law`)."""
-    return Filter(
-        eta.eta1_dot,
-        eta.eta2_dot,
-        gains.stiffness1 * (x.x1 - eta.eta1) - gains.damping1 * eta.eta1_dot,
-        gains.stiffness2 * (x.x2 - eta.eta2) - gains.damping2 * eta.eta2_dot,
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
-class PPF:
+class PPF(Law):
     """Positive position feedback.
 
     Parameters
@@ -69,48 +55,45 @@ class PPF:
     coupling).
     """
 
-    G1: float = 30.0
-    G2: float = 30.0
-    omega_f1: float = 55.0
-    omega_f2: float = 55.0
-    zeta1: float = 0.13
-    zeta2: float = 2.5
-    name = "PPF"
+    G1: float = number("gain", "1/s^2", non_negative, 30.0)
+    G2: float = number("gain", "1/s^2", non_negative, 30.0)
+    omega_f1: float = number("", "rad/s", positive, 55.0)
+    omega_f2: float = number("", "rad/s", positive, 55.0)
+    zeta1: float = number("", "-", positive, 0.13)
+    zeta2: float = number("", "-", positive, 2.5)
 
-    def __post_init__(self) -> None:
-        """Check the arguments."""
-        store(
-            self,
-            G1=non_negative("gain G1", self.G1, "1/s^2"),
-            G2=non_negative("gain G2", self.G2, "1/s^2"),
-            omega_f1=positive("omega_f1", self.omega_f1, "rad/s"),
-            omega_f2=positive("omega_f2", self.omega_f2, "rad/s"),
-            zeta1=positive("zeta1", self.zeta1),
-            zeta2=positive("zeta2", self.zeta2),
-        )
+    name = "PPF"
+    State = Filter
 
     @property
-    def gains(self) -> PPFGains:
-        """Gains and filter coefficients as plain floats."""
-        return PPFGains(
-            float(self.G1),
-            float(self.G2),
+    def numbers(self) -> PPFNumbers:
+        """Gains and filter coefficients."""
+        return PPFNumbers(
+            self.G1,
+            self.G2,
             self.omega_f1 * self.omega_f1,
             self.omega_f2 * self.omega_f2,
             2.0 * self.zeta1 * self.omega_f1,
             2.0 * self.zeta2 * self.omega_f2,
         )
 
-    @property
-    def command(self) -> Command:
-        """The law's output."""
-        return command
+    @staticmethod
+    def command(x: Any, eta: Any, p: Any) -> tuple[Any, Any]:
+        """Return ``(G1 eta1, G2 eta2)`` [m/s^2]."""
+        return p.G1 * eta.eta1, p.G2 * eta.eta2
 
-    @property
-    def filter_rate(self) -> FilterRate | None:
-        """The law's filter."""
-        return filter_rate
+    @staticmethod
+    def filter_rate(  # pyright: ignore[reportIncompatibleVariableOverride]
+        x: Any, eta: Any, p: Any
+    ) -> Filter:
+        """Return the rate of the filter."""
+        return Filter(
+            eta.eta1_dot,
+            eta.eta2_dot,
+            p.stiffness1 * (x.x1 - eta.eta1) - p.damping1 * eta.eta1_dot,
+            p.stiffness2 * (x.x2 - eta.eta2) - p.damping2 * eta.eta2_dot,
+        )
 
-    def check(self, car: QuarterCar) -> None:
+    def check(self, car: Car) -> None:
         """Raise ValueError if the gains take the car's static stability."""
         check_static_stiffness(car, softening=(self.G1, self.G2), gains=("G1", "G2"))

@@ -5,7 +5,8 @@
     hybrid:      both
 
 An actuator between wheel and body pushes on both: what it does for one mass it does to the other
-with the opposite sign. Actuators against the ground, as the paper's, do not.
+with the opposite sign. It gives ``F = F2 - F1`` to the body and ``-F`` to the wheel, for every law
+(`qcar_env.physics.closed_loop`). Actuators against the ground, as the paper's, give each its own.
 
 Source: D. Karnopp, M. J. Crosby, R. A. Harwood, Vibration control using semi-active force
 generators, ASME Journal of Engineering for Industry 96(2), 1974 (skyhook); M. Valasek, M. Novak,
@@ -15,29 +16,15 @@ Z. Sika, O. Vaculin, Extended ground-hook, Vehicle System Dynamics 27(5-6), 1997
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
-from qcar_env.control.law import Command, FilterRate
-from qcar_env.physics.car import QuarterCar
-from qcar_env.validation import non_negative, positive, store
-
-
-class HybridGains(NamedTuple):
-    """Gains of `command`."""
-
-    G1: Any  # groundhook on the wheel [1/s]
-    G2: Any  # skyhook on the body [1/s]
-    onto1: Any  # what the skyhook does to the wheel, G2 m2 / m1 or 0 [1/s]
-    onto2: Any  # what the groundhook does to the body, G1 m1 / m2 or 0 [1/s]
-
-
-def command(x: Any, eta: Any, gains: Any) -> tuple[Any, Any]:
-    """Return the specific forces [m/s^2] (arguments: `qcar_env.control.law.Law`)."""
-    return gains.onto1 * x.v2 - gains.G1 * x.v1, gains.onto2 * x.v1 - gains.G2 * x.v2
+from qcar_env.control.law import Law
+from qcar_env.parts.part import number
+from qcar_env.validation import non_negative
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hybrid:
+class Hybrid(Law):
     """Skyhook on the body and groundhook on the wheel.
 
     Parameters
@@ -45,71 +32,38 @@ class Hybrid:
     G1, G2 : float
         Damping of the wheel against the ground and of the body against the sky [1/s]; not
         negative. Chosen here: 10, well above the paper's passive damping of body and wheel.
-    mass_ratio : float or None
-        ``m2 / m1`` [-] for one actuator between the masses; None for actuators against the ground,
-        with which the hybrid is linear velocity feedback.
 
     Raises
     ------
     ValueError
-        If a gain is negative or the ratio not positive.
+        If a gain is negative.
 
     Notes
     -----
-    Against the ground both laws take energy out. Between the masses the groundhook can feed the
-    body and the skyhook the wheel: no general claim of stability is made.
+    Against the ground the hybrid is linear velocity feedback, and takes energy out. Between the
+    masses the groundhook can feed the body and the skyhook the wheel: no general claim of stability
+    is made.
     """
 
-    G1: float = 10.0
-    G2: float = 10.0
-    mass_ratio: float | None = None
+    G1: float = number("gain", "1/s", non_negative, 10.0)
+    G2: float = number("gain", "1/s", non_negative, 10.0)
+
     name = "hybrid"
 
-    def __post_init__(self) -> None:
-        """Check the gains."""
-        store(
-            self,
-            G1=non_negative("gain G1", self.G1, "1/s"),
-            G2=non_negative("gain G2", self.G2, "1/s"),
-            mass_ratio=_ratio(self.mass_ratio),
-        )
-
-    @property
-    def gains(self) -> HybridGains:
-        """The gains as plain floats."""
-        if self.mass_ratio is None:
-            return HybridGains(float(self.G1), float(self.G2), 0.0, 0.0)
-        return HybridGains(
-            float(self.G1),
-            float(self.G2),
-            self.G2 * self.mass_ratio,
-            self.G1 / self.mass_ratio,
-        )
-
-    @property
-    def command(self) -> Command:
-        """The law's formula."""
-        return command
-
-    @property
-    def filter_rate(self) -> FilterRate | None:
-        """None: the law has no memory."""
-        return None
-
-    def check(self, car: QuarterCar) -> None:
-        """Accept every car (see Notes)."""
+    @staticmethod
+    def command(x: Any, eta: Any, p: Any) -> tuple[Any, Any]:
+        """Return ``(-G1 v1, -G2 v2)`` [m/s^2]."""
+        return -p.G1 * x.v1, -p.G2 * x.v2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Skyhook:
+class Skyhook(Law):
     """The body damped against the sky, the wheel left to itself.
 
     Parameters
     ----------
     G : float
         Damping [1/s]; not negative. Chosen here: 10 (see `Hybrid`).
-    mass_ratio : float or None
-        See `Hybrid`.
 
     Raises
     ------
@@ -117,43 +71,24 @@ class Skyhook:
         See `Hybrid`.
     """
 
-    G: float = 10.0
-    mass_ratio: float | None = None
+    G: float = number("gain", "1/s", non_negative, 10.0)
+
     name = "skyhook"
 
-    def __post_init__(self) -> None:
-        """Check the gains."""
-        store(self, G=non_negative("gain G", self.G, "1/s"), mass_ratio=_ratio(self.mass_ratio))
-
-    @property
-    def gains(self) -> HybridGains:
-        """The gains as plain floats."""
-        return Hybrid(G1=0.0, G2=self.G, mass_ratio=self.mass_ratio).gains
-
-    @property
-    def command(self) -> Command:
-        """The law's formula."""
-        return command
-
-    @property
-    def filter_rate(self) -> FilterRate | None:
-        """None: the law has no memory."""
-        return None
-
-    def check(self, car: QuarterCar) -> None:
-        """Accept every car (see `Hybrid`)."""
+    @staticmethod
+    def command(x: Any, eta: Any, p: Any) -> tuple[Any, Any]:
+        """Return ``(0, -G v2)`` [m/s^2]."""
+        return 0.0 * x.v1, -p.G * x.v2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Groundhook:
+class Groundhook(Law):
     """The wheel damped against the ground, the body left to itself.
 
     Parameters
     ----------
     G : float
         Damping [1/s]; not negative. Chosen here: 10 (see `Hybrid`).
-    mass_ratio : float or None
-        See `Hybrid`.
 
     Raises
     ------
@@ -161,32 +96,11 @@ class Groundhook:
         See `Hybrid`.
     """
 
-    G: float = 10.0
-    mass_ratio: float | None = None
+    G: float = number("gain", "1/s", non_negative, 10.0)
+
     name = "groundhook"
 
-    def __post_init__(self) -> None:
-        """Check the gains."""
-        store(self, G=non_negative("gain G", self.G, "1/s"), mass_ratio=_ratio(self.mass_ratio))
-
-    @property
-    def gains(self) -> HybridGains:
-        """The gains as plain floats."""
-        return Hybrid(G1=self.G, G2=0.0, mass_ratio=self.mass_ratio).gains
-
-    @property
-    def command(self) -> Command:
-        """The law's formula."""
-        return command
-
-    @property
-    def filter_rate(self) -> FilterRate | None:
-        """None: the law has no memory."""
-        return None
-
-    def check(self, car: QuarterCar) -> None:
-        """Accept every car (see `Hybrid`)."""
-
-
-def _ratio(given: float | None) -> float | None:
-    return None if given is None else positive("mass_ratio", given)
+    @staticmethod
+    def command(x: Any, eta: Any, p: Any) -> tuple[Any, Any]:
+        """Return ``(-G v1, 0)`` [m/s^2]."""
+        return -p.G * x.v1, 0.0 * x.v2

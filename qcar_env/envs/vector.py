@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,27 +11,20 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from qcar_env.envs import cars as batch, task
-from qcar_env.physics.engine_random import streams
-from qcar_env.physics.engine_sampled import (
-    AMPLITUDES,
-    ELAPSED,
-    FORCES,
-    OMEGA,
-    PIECES,
-    PLANT,
-    ROWS,
-    START,
-)
-from qcar_env.physics.external_force import ExternalForce
+from qcar_env.engine import cars as batch
+from qcar_env.engine.linear_cars import LinearCars, check_linear
+from qcar_env.engine.random import streams
+from qcar_env.engine.starts import OBSERVATION_LIMIT
+from qcar_env.envs import episode as task
+from qcar_env.envs.picture import Picture, forces
 from qcar_env.physics.state import State
 from qcar_env.scenarios import Scenario, scenario as find_scenario
+from qcar_env.scenarios.plan import Plan
 from qcar_env.validation import finite, known, whole
 
 if TYPE_CHECKING:
-    from qcar_env.envs.rendering import Painter, Picture
+    from qcar_env.envs.rendering import Painter
 
-TERMS = ("reward_x1", "reward_x2", "reward_travel")
 MODES = {
     AutoresetMode.DISABLED: batch.DISABLED,
     AutoresetMode.NEXT_STEP: batch.NEXT_STEP,
@@ -53,8 +45,10 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     ----------
     num_envs : int
         Number of cars.
-    scenario, observe, observe_limit, force_scale, duration
+    scenario, observe, observe_limit, reward, force_scale, duration
         As for a single environment; the same for all cars (reset options set them one by one).
+    max_episode_steps : int, optional
+        Control intervals in an episode, instead of the duration.
     autoreset_mode : AutoresetMode or str
         What becomes of a car whose episode is over: the next step begins another (Gymnasium's
         default), the same step does, or `reset` with a `reset_mask` must.
@@ -63,9 +57,9 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         episode then departs from the exact one by about 1e-4 of the amplitudes.
     method : {"rk4", "exact"}
         How an interval is integrated: with Runge-Kutta steps, or with the exact map of the linear
-        plant, which is the fastest. It needs a harmonic road, and parameters that all cars share:
-        neither randomisation nor reset options `scenario` and `force_scale`. The two differ by the
-        error of the Runge-Kutta steps, 1e-5 of the amplitudes with four of them.
+        plant, which is the fastest. It needs a linear car and actuator, and a road made of sines:
+        an endless one, humps, a step. The two differ by the error of the Runge-Kutta steps, 1e-5
+        of the paper's amplitudes with four of them.
     threads : int
         Threads that share the cars, at most: each gets 16384 of them or more, as handing fewer over
         costs what it saves. They change no bit.
@@ -102,8 +96,10 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         *,
         observe: task.Observe = "full",
         observe_limit: bool = False,
+        reward: task.RewardLike = "amplitudes",
         force_scale: float = 1.0,
         duration: float | None = None,
+        max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         precision: str = "double",
         method: str = "rk4",
@@ -113,33 +109,30 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     ) -> None:
         if render_mode is not None:
             known("render mode", render_mode, self.metadata["render_modes"])
-        known("observe", observe, task.OBSERVE)
         known("precision", precision, PRECISIONS)
         known("method", method, METHODS)
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self._duration = duration
+        self._linear = method == "exact"
+        steps = task.most_steps(max_episode_steps)
+        self._settings = task.Settings(observe, bool(observe_limit), reward, duration, steps)
         drawn = self._drawn(find_scenario(scenario), task.force_scale(force_scale))
-        self._cars = batch.Cars(
-            num_envs,
-            drawn.base,
-            drawn.own,
-            observe=observe,
-            observe_limit=bool(observe_limit),
-            single=precision == "single",
-            exact=method == "exact",
-            threads=threads,
-        )
+        fleet = LinearCars if self._linear else batch.Cars
+        self._cars = fleet(num_envs, drawn.plan, single=precision == "single", threads=threads)
         self.num_envs = self._cars.n
         self._given = [drawn] * self.num_envs
-        high, size = task.OBSERVATION_LIMIT, self._cars.size
-        self.single_observation_space = gym.spaces.Box(-high, high, (size,), np.float32)
+        self.single_observation_space = gym.spaces.Box(
+            -OBSERVATION_LIMIT, OBSERVATION_LIMIT, (self._cars.size,), np.float32
+        )
         self.single_action_space = gym.spaces.Box(-1.0, 1.0, (self._cars.actions,), np.float32)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._shape = (self.num_envs, self._cars.actions)
         self._mode = MODES[self.autoreset_mode]
+        names = [each.name for each in drawn.plan.terms]
+        self.terms = (*(f"reward_{name}" for name in names), "reward_travel")
         self._started = False
+        self._later = False  # whether cars may draw from something else than what they run on
         self._every = np.ones(self.num_envs, batch.BOOL)  # the mask of what all cars have
         self._every.flags.writeable = False
         self.render_mode = render_mode
@@ -148,7 +141,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             raise ValueError(f"render_cars must be indices of cars, got {shown!r}; give a list")
         self._render_cars = [self._known_car(car) for car in shown]
         self.captions = [(f"car {car}", "#0072B2") for car in self._render_cars]
-        self._actions = np.zeros(self._shape, batch.SHOWN)
+        self._running = list(self._given)  # what the running episodes were drawn from
         self._painters: list[Painter] = []
 
     @property
@@ -158,12 +151,22 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
 
     @property
     def force_limits(self) -> NDArray[np.float64]:
-        """Forces that action 1 makes in the cars' episodes, shape (n, m) [m/s^2] or [N]."""
-        return self._cars.row(FORCES, self._cars.actions).T
+        """What action 1 asks for in the cars' episodes: a force [m/s^2] or [N], a damping [N s/m].
+
+        Shape (n, m).
+        """
+        semi_active = hasattr(self._given[0].base.actuator, "c_max")
+        path = "actuator.c_max" if semi_active else "actuator.limit.0"
+        return self._cars.fixed(path, self._cars.actions).T
 
     def scenario_of(self, car: int) -> Scenario:
         """Return the scenario from which a car draws its episodes."""
         return self._given[car].base
+
+    def episode_of(self, car: int) -> Scenario:
+        """Return the scenario of a car's running episode, as drawn."""
+        uniforms = self._cars.uniforms[car]
+        return self._running[car].base.drawn(uniforms.tolist())
 
     def force_scale_of(self, car: int) -> float:
         """Return the factor on a car's force limit [-]."""
@@ -172,7 +175,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     @property
     def dt(self) -> float:
         """Control interval [s]."""
-        return self._cars.dt
+        return self._cars.plan.dt
 
     def reset(
         self,
@@ -217,8 +220,10 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self._cars.seed(seeded, states)
         observations = self._cars.reset(mask, given)
         self._started = True
-        if self.render_mode is not None:
-            self._actions = np.where(mask[:, np.newaxis], batch.SHOWN.type(0.0), self._actions)
+        if mask.all():
+            self._running, self._later = list(self._given), False
+        for i in chosen.tolist() if self._later else ():
+            self._running[i] = self._given[i]
         info: dict[str, Any] = {
             "force": np.zeros(self._shape),
             "_force": mask.copy(),
@@ -260,46 +265,32 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         ResetNeeded
             Before the first reset.
         """
+        done = self.advance(actions)
+        every = self._every
+        info: dict[str, Any] = {"force": done.force, "_force": every}
+        for i, name in enumerate(self.terms):
+            info[name], info[f"_{name}"] = done.rewards[1 + i], every
+        if done.begun is not None:
+            self._add_begun(info, done)
+        return done.seen, done.rewards[0], done.ends[0], done.ends[1], info
+
+    def advance(self, actions: NDArray[np.float32]) -> batch.Interval:
+        """Do what `step` does, and return what the engine does."""
         if not self._started:
             raise gym.error.ResetNeeded("no episode yet; call reset before step")
-        (
-            _,
-            observations,
-            rewards,
-            terminated,
-            truncated,
-            force,
-            reward_x1,
-            reward_x2,
-            reward_travel,
-            _,
-            begun,
-            again,
-            others,
-            phase,
-        ) = self._cars.step(actions, self._mode)
-        if self.render_mode is not None:
-            self._actions = np.array(actions, batch.SHOWN).clip(-1.0, 1.0)
-        every = self._every
-        info: dict[str, Any] = {
-            "force": force,
-            "_force": every,
-            "reward_x1": reward_x1,
-            "_reward_x1": every,
-            "reward_x2": reward_x2,
-            "_reward_x2": every,
-            "reward_travel": reward_travel,
-            "_reward_travel": every,
-        }
-        if begun:
-            info["_reward_x1"] = info["_reward_x2"] = info["_reward_travel"] = others
-            info["phase"], info["_phase"] = phase, again
-            if self._mode == batch.SAME_STEP:
-                self._add_last(info)
-            if begun == self.num_envs:
-                for name in TERMS:
-                    del info[name], info[f"_{name}"]
-        return observations, rewards, terminated, truncated, info
+        return self._cars.step(self._checked(actions), self._mode)
+
+    def _checked(self, actions: Any) -> NDArray[np.float32]:
+        """Return actions as an array of the kind that the engine takes."""
+        if (
+            type(actions) is np.ndarray
+            and actions.dtype == batch.SHOWN
+            and actions.shape == self._shape
+            and actions.flags.c_contiguous
+        ):
+            return actions
+        each = "car and actuator. No car has moved"
+        return task.checked_actions("actions", actions, self._shape, each)
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return the frames (480, 640, 3) of the cars in `render_cars`.
@@ -321,7 +312,10 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             for car, caption in zip(self._render_cars, self.captions, strict=True)
         ]
         if not self._painters:
-            from qcar_env.envs.rendering import Painter
+            try:
+                from qcar_env.envs.rendering import Painter
+            except ImportError as error:
+                raise task.no_pygame() from error
 
             self._painters = [Painter() for _ in pictures]
         return tuple(
@@ -329,33 +323,18 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         )
 
     def _picture(self, car: int, name: str, colour: str) -> Picture:
-        try:
-            from qcar_env.envs.rendering import Picture
-        except ImportError as error:
-            raise gym.error.DependencyNotInstalled(
-                "rendering needs pygame; pip install 'qcar_env[render]'"
-            ) from error
-        nominal = self.scenario_of(car)
-        row = self._cars.row(0, ROWS)[:, car].tolist()
-        h, omega = row[PIECES : PIECES + 2]
-        f = row[AMPLITUDES + 2]
-        limit = tuple(row[FORCES : FORCES + self._cars.actions])
-        elapsed = row[ELAPSED] * self.dt
+        elapsed = self._cars.clock("elapsed")[car] * self.dt
+        episode, state = self.episode_of(car), State(*self._cars.states[car].tolist())
+        held, memory = self._cars.held[car].tolist(), self._cars.memory[car].tolist()
         return Picture(
             name=name,
             colour=colour,
-            nominal=nominal,
-            episode=dataclasses.replace(
-                nominal,
-                road=dataclasses.replace(nominal.road, h=h, omega=omega),
-                force=ExternalForce(f=f, Omega=row[OMEGA]),
-                actuator=dataclasses.replace(nominal.actuator, limit=limit),
-                randomisation=None,
-            ),
-            time=row[START] + elapsed,
+            nominal=self._running[car].base,
+            episode=episode,
+            time=self._cars.clock("start")[car] + elapsed,
             elapsed=elapsed,
-            state=State(*row[PLANT : PLANT + 4]),
-            action=tuple(self._actions[car].tolist()),
+            state=state,
+            force=forces(episode.actuator, held, memory, state),
         )
 
     def _known_car(self, car: Any) -> int:
@@ -374,21 +353,35 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     def close_extras(self, **kwargs: Any) -> None:
         """Hold nothing that needs closing."""
 
-    def _add_last(self, info: dict[str, Any]) -> None:
-        """Add the last observations and forces of the cars that have begun again."""
-        again = info["_phase"]
-        cars = np.flatnonzero(again)
-        last: dict[str, Any] = {}
-        for name in ("force", *TERMS):
-            last[name] = np.zeros_like(info[name])
-            last[name][cars] = info[name][cars]
-            last[f"_{name}"] = again
-            info[name][cars] = 0.0  # as after the reset
-        final = np.full(self.num_envs, None, dtype=object)
-        for i, seen in zip(cars.tolist(), self._cars.finals[cars], strict=True):
-            final[i] = seen
-        info |= {"final_obs": final, "_final_obs": again}
-        info |= {"final_info": last, "_final_info": again}
+    def _add_begun(self, info: dict[str, Any], done: batch.Interval) -> None:
+        """Add what is to be known of the cars that have begun their next episode."""
+        cars: Any = done.begun
+        again = np.zeros(self.num_envs, batch.BOOL)
+        again[cars] = True
+        if self._later:
+            for i in cars.tolist():
+                self._running[i] = self._given[i]
+        info["phase"] = np.where(again, self._cars.phases, 0.0)
+        info["_phase"] = again
+        others = ~again
+        for name in self.terms:
+            info[f"_{name}"] = others
+        if done.finals is not None:
+            last: dict[str, Any] = {}
+            for name in ("force", *self.terms):
+                last[name] = np.zeros_like(info[name])
+                last[name][cars] = info[name][cars]
+                last[f"_{name}"] = again
+                info[name][cars] = 0.0  # as after the reset
+            # a reward is of the interval that ended; only its terms are
+            final = np.full(self.num_envs, None, dtype=object)
+            for i, seen in zip(cars.tolist(), done.finals, strict=True):
+                final[i] = seen
+            info |= {"final_obs": final, "_final_obs": again}
+            info |= {"final_info": last, "_final_info": again}
+        if len(cars) == self.num_envs:
+            for name in self.terms:
+                del info[name], info[f"_{name}"]
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
         if given is None:
@@ -451,6 +444,15 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         """
         self._cars.stagger(elapsed)
 
+    def snapshot(self) -> dict[str, NDArray[Any]]:
+        """Return all that moves, to go on from."""
+        return self._cars.snapshot()
+
+    def restore(self, kept: dict[str, NDArray[Any]]) -> None:
+        """Go on from a snapshot of an environment made and assigned alike."""
+        self._cars.restore(kept)
+        self._started = True
+
     def assign(self, chosen: Sequence[int] | NDArray[np.intp], **options: Any) -> None:
         """Let cars draw their next episodes from another `scenario` or with another `force_scale`.
 
@@ -487,10 +489,18 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         return drawn
 
     def _drawn(self, own: Scenario, scale: float) -> Drawn:
-        base = own.with_force_scale(scale)
-        if self._duration is not None:
-            base = dataclasses.replace(base, duration=self._duration)
-        return Drawn(own, scale, base)
+        plan = self._settings.plan(own, scale)
+        if hasattr(self, "_cars"):
+            first = self._cars.plan
+            given = (plan.dt, plan.substeps, plan.composition)
+            if given != (first.dt, first.substeps, first.composition):
+                raise ValueError(
+                    f"scenario {own.name!r} has another control interval, other substeps, parts or "
+                    "actuators than this environment's; make a new environment for it"
+                )
+            if self._linear:
+                check_linear(plan.scenario)
+        return Drawn(own, scale, plan)
 
     def _take(self, drawn: dict[int, Drawn]) -> None:
         """Let cars draw from what `_changed` has returned."""
@@ -499,9 +509,10 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             if each is not self._given[i]:
                 groups.setdefault(id(each), (each, []))[1].append(i)
         if groups:
-            self._cars.assign([(np.array(i), each.base, each.own) for each, i in groups.values()])
+            self._cars.assign([(np.array(i), each.plan.source) for each, i in groups.values()])
         for i, each in drawn.items():
             self._given[i] = each
+        self._later = self._later or bool(groups)
 
     def _starts(
         self, chosen: NDArray[np.intp], drawn: dict[int, Drawn], options: dict[str, Any]
@@ -543,7 +554,12 @@ class Drawn(NamedTuple):
 
     own: Scenario
     force_scale: float
-    base: Scenario  # with that scale, and the environment's duration
+    plan: Plan
+
+    @property
+    def base(self) -> Scenario:
+        """The scenario with that scale, and the environment's duration."""
+        return self.plan.scenario
 
 
 def _mode(given: AutoresetMode | str) -> AutoresetMode:

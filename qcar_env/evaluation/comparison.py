@@ -1,75 +1,220 @@
-"""Compare policies in one scenario at one force limit, in true steady state."""
+"""Compare policies in one scenario at one force limit, in true steady state.
+
+Of a linear car on a harmonic road the paper's Table 1 and the optimum stand beside them.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from qcar_env.evaluation import metrics
-from qcar_env.evaluation.rollouts import Rollout
+from qcar_env.analysis.optimum import Optimum, period_optimum
+from qcar_env.analysis.paper.table1 import Cell, table1
+from qcar_env.control.law import Law
+from qcar_env.evaluation import storage, tables
+from qcar_env.evaluation.bounds import linear_plant
+from qcar_env.evaluation.entry import Entry, shown_to
+from qcar_env.evaluation.outcome import Outcome, outcome
+from qcar_env.evaluation.rollouts import Rollout, rollout
+from qcar_env.scenarios import Scenario
+from qcar_env.scenarios.files import as_record
+
+PERIODS = 5  # at the end of an episode on a harmonic road, over which amplitudes are taken
+START = "at rest, phase 0; nothing is drawn, so there is no seed"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
-    """What a policy did: the paper's metrics and the field's."""
+class Comparison:
+    """Several policies in one scenario."""
 
-    policy: str
-    amplitudes: tuple[float, float]  # largest |x1|, |x2| over the last periods [m]
-    uncontrolled: tuple[float, float]  # the same without control [m]
-    peak_force: tuple[float, ...]  # over the last periods [m/s^2] or [N]
-    rms_force: tuple[float, ...]  # over the last periods [m/s^2] or [N]
-    terminated: bool  # whether a displacement left its limit before the end
-
-    @property
-    def percentage_errors(self) -> tuple[float, float]:
-        """The paper's percentage errors of x1 and x2 [%]."""
-        (a1, a2), (b1, b2) = self.uncontrolled, self.amplitudes
-        return metrics.percentage_error(a1, b1), metrics.percentage_error(a2, b2)
-
-    @property
-    def reductions(self) -> tuple[float, float]:
-        """Reductions of x1 and x2 [dB]."""
-        (a1, a2), (b1, b2) = self.uncontrolled, self.amplitudes
-        return metrics.reduction_db(a1, b1), metrics.reduction_db(a2, b2)
-
-    @property
-    def rho(self) -> float:
-        """The larger of the two relative amplitudes, ``max_i(a_i / A_i)`` [-]."""
-        return max(b / a for a, b in zip(self.uncontrolled, self.amplitudes, strict=True))
+    scenario: Scenario  # with the force limit used
+    duration: float  # simulated time from rest [s]
+    outcomes: tuple[Outcome, ...]
+    rollouts: Mapping[str, Rollout]  # by policy
+    laws: Mapping[str, Law]  # by policy, of those that are laws
+    learned: tuple[str, ...] = ()  # which policies are
+    table1: tuple[Cell, ...] = ()  # the paper's, in continuous time; see `linear_plant`
+    optimum: Optimum | None = None  # likewise
 
 
-def outcome(policy: str, rollout: Rollout, uncontrolled: tuple[float, float]) -> Outcome:
-    """Evaluate the end of a rollout.
+def compare(
+    scenario: Scenario,
+    entries: Sequence[Entry],
+    *,
+    duration: float,
+    say: Callable[[str], None] = lambda text: None,
+) -> Comparison:
+    """Run one episode of each entry from rest, and evaluate its end.
 
     Parameters
     ----------
-    policy : str
-        The policy's name.
-    rollout : Rollout
-        Long enough to have become steady.
-    uncontrolled : tuple of float
-        Amplitudes of x1 and x2 without control [m].
+    scenario : Scenario
+        What they act in, with its force limit.
+    entries : sequence of Entry
+        Who enters. A policy that sees the force limit does not: an episode alone shows none.
+    duration : float
+        Simulated time [s].
+    say : callable, optional
+        Told what is being done.
 
-    Returns
-    -------
-    Outcome
-        Over the last five periods on a harmonic road, over the whole episode elsewhere, where a
-        crossing has no steady state.
+    Raises
+    ------
+    ValueError
+        If a policy cannot be made, or the episode is too short to have become steady.
     """
-    if rollout.scenario.road.profile == "harmonic" and not rollout.terminated:
-        window = metrics.last_periods(rollout.t, rollout.scenario.reference_frequency)
-    else:
-        window = slice(None)
-    force = rollout.force[window]
-    return Outcome(
-        policy=policy,
-        amplitudes=(
-            float(np.max(np.abs(rollout.x1[window]))),
-            float(np.max(np.abs(rollout.x2[window]))),
+    harmonic = scenario.excitation.harmonic
+    made = [(each, each.make(scenario, None, 1.0)) for each in entries]
+    entered = [(each, policy) for each, policy in made if not shown_to(policy, "full")[1]]
+    steady = harmonic and linear_plant(scenario)
+    cells: tuple[Cell, ...] = ()
+    if steady:
+        say("Table 1: simulating in continuous time (the first time, compiling: half a minute)")
+        cells = table1(scenario, duration=duration)
+    rollouts: dict[str, Rollout] = {}
+    for count, (each, policy) in enumerate(entered, start=1):
+        say(f"rolling out {each.name} ({count} of {len(entered)})")
+        reads, _ = shown_to(policy, "full")
+        rollouts[each.name] = rollout(policy, scenario, duration=duration, observe=reads)
+    return Comparison(
+        scenario=scenario,
+        duration=duration,
+        outcomes=tuple(
+            outcome(
+                name, each, scenario.reference_amplitudes, periods=PERIODS if harmonic else None
+            )
+            for name, each in rollouts.items()
         ),
-        uncontrolled=uncontrolled,
-        peak_force=tuple(float(value) for value in np.max(np.abs(force), axis=0)),
-        rms_force=tuple(metrics.rms(column) for column in force.T),
-        terminated=rollout.terminated,
+        rollouts=rollouts,
+        learned=tuple(each.name for each, _ in entered if each.kind == "learned"),
+        laws={each.name: policy.law for each, policy in entered if hasattr(policy, "law")},
+        table1=cells,
+        optimum=period_optimum(scenario) if steady else None,
     )
+
+
+def text(comparison: Comparison) -> str:
+    """Return both tables for a terminal."""
+    return (_table1(comparison.table1) if comparison.table1 else "") + _outcomes(comparison)
+
+
+def write(folder: Path, comparison: Comparison, gains: Mapping[str, Mapping[str, float]]) -> None:
+    """Write table.csv and result.json.
+
+    Parameters
+    ----------
+    folder : Path
+        Where.
+    comparison : Comparison
+        What was found.
+    gains : mapping
+        Gains of each policy that has some, for the record.
+    """
+    rows = [_record(each) for each in comparison.outcomes]
+    best = comparison.optimum
+    result: dict[str, Any] = {
+        "command": storage.command(),
+        "versions": storage.versions(),
+        "scenario": as_record(comparison.scenario),
+        "duration_s": comparison.duration,
+        "start": START,
+        "gains": gains,
+        "table1": [
+            {
+                **dataclasses.asdict(cell),
+                "absolute_error": cell.absolute_error,
+                "percentage_error": cell.percentage_error,
+                "agreement": cell.agreement,
+            }
+            for cell in comparison.table1
+        ],
+        "policies": rows,
+        "optimum": best
+        and {"rho": best.upper, "bound": best.bound, "amplitudes_m": best.amplitudes},
+    }
+    storage.write_csv(folder / "table.csv", rows)
+    storage.write_json(folder / "result.json", result)
+
+
+def _record(found: Outcome) -> dict[str, Any]:
+    return {
+        "policy": found.policy,
+        "x1_m": found.amplitudes[0],
+        "x2_m": found.amplitudes[1],
+        "error_x1_percent": found.percentage_errors[0],
+        "error_x2_percent": found.percentage_errors[1],
+        "reduction_x1_db": found.reductions[0],
+        "reduction_x2_db": found.reductions[1],
+        "rho": found.rho,
+        "peak_force": " ".join(f"{value:.6g}" for value in found.peak_force),
+        "rms_force": " ".join(f"{value:.6g}" for value in found.rms_force),
+        "terminated": found.terminated,
+    }
+
+
+def _table1(cells: Sequence[Cell]) -> str:
+    rows = [["law", "G", "mass", "no control [m]", "controlled [m]", "difference [m]"]]
+    rows[0] += ["error [%]", "paper [%]", "ratio / paper's"]
+    for cell in cells:
+        rows.append(
+            [
+                cell.law, f"{cell.gain:g}", f"x{cell.mass}", f"{cell.uncontrolled:.3f}",
+                f"{cell.controlled:.4f}", f"{cell.absolute_error:.3f}",
+                f"{cell.percentage_error:.0f}", f"{cell.printed:g}", f"{cell.agreement:.2f}",
+            ]
+        )  # fmt: skip
+    return (
+        "Table 1 of the paper: the law acts at every instant, forces are not limited\n\n"
+        f"{tables.columns(rows, left=3)}\n\n"
+        "error: (no control - controlled) / controlled, as the paper defines it\n"
+        "ratio: no control / controlled, ours over the paper's\n\n"
+    )
+
+
+def _outcomes(comparison: Comparison) -> str:
+    scenario, best = comparison.scenario, comparison.optimum
+    unit, limits = scenario.actuator.unit, scenario.actuator.limit
+    rows = [["policy", "x1 [m]", "x2 [m]", "rho", "error x1 [%]", "error x2 [%]"]]
+    rows[0] += ["x1 [dB]", "x2 [dB]", f"peak force [{unit}]", f"RMS force [{unit}]"]
+    for each in comparison.outcomes:
+        rows.append(
+            [
+                each.policy + (" (left the travel limit)" if each.terminated else ""),
+                *(f"{value:.4f}" for value in each.amplitudes),
+                f"{each.rho:.4f}",
+                *(f"{round(value) + 0:d}" for value in each.percentage_errors),
+                *(f"{round(-value, 1) + 0.0:.1f}" for value in each.reductions),
+                " / ".join(f"{value:.1f}" for value in each.peak_force),
+                " / ".join(f"{value:.1f}" for value in each.rms_force),
+            ]
+        )
+    if best is not None:
+        forces = np.max(np.abs(best.u), axis=0), np.sqrt(np.mean(best.u**2, axis=0))
+        rows.append(
+            [
+                "optimum",
+                *(f"{value:.4f}" for value in best.amplitudes),
+                f"{best.upper:.4f}",
+                *[""] * 4,
+                *(" / ".join(f"{value:.1f}" for value in each) for each in forces),
+            ]
+        )
+    lines = [
+        f"Scenario {scenario.name}: the law acts every {scenario.dt * 1e3:g} ms, every force is "
+        f"limited to {' and '.join(f'{value:g}' for value in limits)} {unit}, "
+        f"{comparison.duration:g} s from rest\n",
+        tables.columns(rows, left=1),
+        "\nrho: the larger of x1 and x2 over no control's; dB: relative to no control",
+        "forces: wheel / body" if len(limits) == 2 else "force: on the body",
+    ]
+    if best is not None:
+        lines += [
+            f"optimum: no force within the limits, of any shape, leaves less than rho = "
+            f"{best.bound:.4f}; the one listed is known in advance, policies act on what they see",
+            "make benchmark scores every policy at every limit, with intervals",
+        ]
+    return "\n".join(lines) + "\n"

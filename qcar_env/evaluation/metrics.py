@@ -52,6 +52,17 @@ def reduction_db(uncontrolled: float, controlled: float) -> float:
     return 20.0 * math.log10(ratio) if ratio else -math.inf
 
 
+def rho(amplitudes: ArrayLike, uncontrolled: ArrayLike) -> float:
+    """Return the larger of the two relative amplitudes, ``max_i(a_i / A_i)`` [-].
+
+    Parameters
+    ----------
+    amplitudes, uncontrolled : array_like (2,)
+        Of wheel and body with and without control [m].
+    """
+    return float(np.max(np.asarray(amplitudes) / np.asarray(uncontrolled)))
+
+
 def last_periods(t: ArrayLike, omega: float, periods: int = 5) -> slice:
     """Return the samples of the last whole periods of a motion.
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.envs import task
+from qcar_env.envs import episode as task
 
 
 class OnnxPolicy:
@@ -55,8 +55,8 @@ class OnnxPolicy:
                 "export it again or fetch the file again"
             ) from error
         self._input = self._session.get_inputs()[0]
-        sizes = {
-            task.observation_size(observe, limit): (observe, limit)
+        sizes: dict[int, tuple[task.Observe, bool]] = {
+            len(task.observed(observe, limit)): (observe, limit)
             for observe in task.OBSERVE
             for limit in (False, True)
         }
@@ -68,7 +68,8 @@ class OnnxPolicy:
             )
         self.name = path.stem if path.stem != "policy" else path.parent.name
         self.size = int(size)
-        self.reads, self.observe_limit = sizes[size]
+        self.reads: task.Observe = sizes[size][0]
+        self.observe_limit = sizes[size][1]
 
     def predict(
         self,

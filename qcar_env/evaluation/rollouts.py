@@ -1,19 +1,33 @@
-"""Roll a policy out through the environment and keep the time histories."""
+"""Roll a policy out through the fleet, over one episode or many at once, and keep the histories.
+
+Every number of an experiment comes from here: of any scenario that an environment takes, stepped as
+the environments step it, bit for bit.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
+from qcar_env.engine.cars import NEXT_STEP, Cars, streams
+from qcar_env.envs import episode as task
+from qcar_env.evaluation import metrics
 from qcar_env.evaluation.policy import Policy, actions_of, check_policy
+from qcar_env.evaluation.tracks import Episode
+from qcar_env.physics.signals import Signal, signal
 from qcar_env.scenarios import Scenario
-from qcar_env.validation import whole
+from qcar_env.scenarios.plan import Plan
+from qcar_env.validation import finite, positive, whole
 
 Array = NDArray[np.float64]
+
+REST = (0.0, 0.0, 0.0, 0.0)
+UNSCALED = 1e6  # what a kept signal is divided by: far within the bound of an observation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,10 +39,95 @@ class Rollout:
     x2: Array  # (k,) body displacement [m]
     v1: Array  # (k,) wheel velocity [m/s]
     v2: Array  # (k,) body velocity [m/s]
-    force: Array  # (k, m) force held over the interval [m/s^2] or [N]
+    force: Array  # (k, m) force of each actuator then [m/s^2] or [N]
     reward: Array  # (k,) [-]
     terminated: bool  # whether a displacement left its limit
-    scenario: Scenario
+    scenario: Scenario  # as drawn
+    signals: Mapping[str, Array] = field(default_factory=dict[str, Array])  # (k,) others, by name
+
+    def window(self, periods: int | None) -> slice:
+        """Return the rows that amplitudes are taken over: the last whole periods, or all for None.
+
+        All as well of an episode that left its limits.
+
+        Raises
+        ------
+        ValueError
+            If the episode is shorter than that, or its road has no periods.
+        """
+        check_periods(periods, self.scenario)
+        if periods is None or self.terminated:
+            return slice(None)
+        return metrics.last_periods(self.t, self.scenario.excitation.omega, periods)
+
+    def amplitudes(self, periods: int | None) -> tuple[float, float]:
+        """Return the largest ``|x1|`` and ``|x2|`` at control instants [m] (see `window`)."""
+        window = self.window(periods)
+        return float(np.abs(self.x1[window]).max()), float(np.abs(self.x2[window]).max())
+
+    def rho(self, periods: int | None) -> float:
+        """Return `metrics.rho` of the episode (see `window`): the share of its vibration left."""
+        return metrics.rho(self.amplitudes(periods), self.scenario.reference_amplitudes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rollouts:
+    """Time histories of n episodes; a car that leaves its limits stays where it left them."""
+
+    episodes: tuple[Episode, ...]  # n
+    duration: float  # of each [s]
+    t: Array  # (k,) time since the start, at the end of each interval [s]
+    x: Array  # (k, n, 4) states (x1, x2, v1, v2) [m, m, m/s, m/s]
+    force: Array  # (k, n, m) force of each actuator then [m/s^2] or [N]
+    reward: Array  # (k, n) [-]
+    signals: Mapping[str, Array]  # (k, n) others, by name
+    lasted: NDArray[np.intp]  # (n,) rows until the episode's end
+    terminated: NDArray[np.bool_]  # (n,) whether a displacement left its limit
+
+    def __len__(self) -> int:
+        """Return the number of episodes."""
+        return len(self.episodes)
+
+    def __getitem__(self, j: int) -> Rollout:
+        """Return one episode until its end."""
+        scenario = self.episodes[j].scenario
+        if scenario.duration != self.duration:
+            scenario = dataclasses.replace(scenario, duration=self.duration)
+        return self._one(j, scenario)
+
+    def _one(self, j: int, scenario: Scenario) -> Rollout:
+        k = slice(0, int(self.lasted[j]))
+        x1, x2, v1, v2 = self.x[k, j].T
+        return Rollout(
+            t=self.t[k],
+            x1=x1,
+            x2=x2,
+            v1=v1,
+            v2=v2,
+            force=self.force[k, j],
+            reward=self.reward[k, j],
+            terminated=bool(self.terminated[j]),
+            scenario=scenario,
+            signals={name: each[k, j] for name, each in self.signals.items()},
+        )
+
+    def rho(self, periods: int | None) -> Array:
+        """Return `Rollout.rho` of each episode, shape (n,)."""
+        return np.array(
+            [
+                metrics.rho(self._one(j, each.scenario).amplitudes(periods), each.uncontrolled)
+                for j, each in enumerate(self.episodes)
+            ]
+        )
+
+
+def check_periods(periods: int | None, scenario: Scenario) -> None:
+    """Refuse a steady motion where there is none."""
+    if periods is not None and not scenario.excitation.harmonic:
+        raise ValueError(
+            f"the last {periods} periods need a steady motion, and scenario {scenario.name!r} has "
+            "none: its road is not harmonic; give periods=None for the largest of the whole episode"
+        )
 
 
 def rollout(
@@ -36,10 +135,11 @@ def rollout(
     scenario: Scenario,
     *,
     duration: float | None = None,
-    observe: Literal["full", "feedback"] = "full",
-    state: ArrayLike = (0.0, 0.0, 0.0, 0.0),
+    observe: task.Observe = "full",
+    state: ArrayLike = REST,
     phase: float = 0.0,
     seed: int = 0,
+    signals: Sequence[str | Signal] = (),
 ) -> Rollout:
     """Run one episode.
 
@@ -51,14 +151,16 @@ def rollout(
         What it acts in.
     duration : float, optional
         Length of the episode [s]; the scenario's if left out.
-    observe : {"full", "feedback"}
+    observe : {"full", "feedback"} or sequence
         What the policy is shown.
     state : array_like (4,)
         Start ``(x1, x2, v1, v2)`` [m, m, m/s, m/s].
     phase : float
         Phase of the road at the start [rad].
     seed : int
-        Seed of the environment, for scenarios that vary.
+        Of the draw, for scenarios that vary: that of the environment's episode.
+    signals : sequence
+        What is kept besides (see `rollouts`).
 
     Returns
     -------
@@ -70,33 +172,155 @@ def rollout(
         If the policy has no `predict`, or returns an action of the wrong shape or one that is not
         a number, or an argument is out of range.
     """
-    check_policy(policy)
     whole("seed", seed, least=0)
-    env = QuarterCarHumpEnv(scenario, observe=observe, duration=duration)
-    observation, _ = env.reset(seed=seed, options={"state": state, "phase": phase})
-    steps, size = env.scenario.steps, env.scenario.actuator.size
-    states = np.empty((steps, 4))
-    force = np.empty((steps, size))
-    rewards = np.empty(steps)
-    memory: Any = None
-    start = np.ones(1, dtype=bool)
-    terminated = truncated = False
-    k = 0
-    while not (terminated or truncated):
-        action, memory = actions_of(policy, observation[np.newaxis], memory, start, size)
-        start = np.zeros(1, dtype=bool)
-        observation, rewards[k], terminated, truncated, info = env.step(action[0])
-        states[k] = env.state
-        force[k] = info["force"]
-        k += 1
-    return Rollout(
-        t=env.dt * np.arange(1, k + 1, dtype=np.float64),
-        x1=states[:k, 0],
-        x2=states[:k, 1],
-        v1=states[:k, 2],
-        v2=states[:k, 3],
-        force=force[:k],
-        reward=rewards[:k],
-        terminated=terminated,
-        scenario=env.episode,
+    draws = np.random.default_rng(seed).random(len(scenario.randomisation))
+    x1, x2, v1, v2 = task.given_state(state, scenario).tolist()
+    case = Episode(
+        nominal=scenario,
+        force_scale=1.0,
+        uniforms=tuple(draws.tolist()),
+        state=(x1, x2, v1, v2),
+        phase=finite("phase", phase, "rad"),
     )
+    return rollouts(policy, [case], duration=duration, observe=observe, signals=signals)[0]
+
+
+def rollouts(
+    policy: Policy,
+    episodes: Sequence[Episode],
+    *,
+    duration: float | None = None,
+    observe: task.Observe = "full",
+    observe_limit: bool = False,
+    signals: Sequence[str | Signal] = (),
+    last: int | None = None,
+) -> Rollouts:
+    """Run one policy over many episodes at once.
+
+    Parameters
+    ----------
+    policy : Policy
+        What acts. It is shown all cars in one batch, and which of them have just begun; a car whose
+        episode has ended early begins another, which is not kept.
+    episodes : sequence of Episode
+        With the same parts, control interval and number of actuators.
+    duration : float, optional
+        Length of each [s]; the scenario's if left out.
+    observe : {"full", "feedback"} or sequence
+        What the policy is shown.
+    observe_limit : bool
+        Whether the force limit follows in the observation.
+    signals : sequence
+        Names of `qcar_env.physics.signals.SIGNALS`, or signals of one's own, which are kept besides
+        state, forces and rewards; to single precision.
+    last : int, optional
+        Keep so many rows at the end; all if left out.
+
+    Returns
+    -------
+    Rollouts
+
+    Raises
+    ------
+    ValueError
+        If there is no episode or they do not fit together; if the duration holds no control
+        interval; if the policy has no `predict`, or returns actions of the wrong shape or not a
+        number.
+    """
+    check_policy(policy)
+    shown = task.observed(observe, observe_limit)
+    kept = tuple(dataclasses.replace(signal(each), scale=UNSCALED) for each in signals)
+    cars, lasting = _fleet(episodes, (*shown, *kept), duration)
+    n, size, dt, steps = cars.n, cars.actions, lasting.dt, lasting.steps
+    rows = steps if last is None else min(whole("last", last), steps)
+    x, force = np.empty((rows, n, 4)), np.empty((rows, n, size))
+    reward, others = np.empty((rows, n)), np.empty((rows, n, len(kept)))
+    seen = cars.reset(np.ones(n, dtype=bool), _given(episodes), _uniforms(episodes, cars))
+    begins, over = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
+    lasted = np.full(n, rows)
+    end: Any = None  # states of cars whose episodes are over
+    memory: Any = None
+    for k in range(steps):
+        shown_now = np.ascontiguousarray(seen[:, : len(shown)])
+        action, memory = actions_of(policy, shown_now, memory, begins, size)
+        if not np.isfinite(action).all():
+            raise ValueError(
+                f"action must be finite, got {action[~np.isfinite(action).all(axis=1)][0]} "
+                f"{k * dt:g} s after the start; allowed range is [-1, 1]"
+            )
+        done = cars.step(np.clip(action, -1.0, 1.0).astype(np.float32), NEXT_STEP)
+        seen = done.seen
+        begins = np.zeros(n, dtype=bool)
+        if done.begun is not None:
+            begins[done.begun] = True
+        row = k - (steps - rows)
+        out = done.ends[0] & ~over
+        if row >= 0 or out.any():
+            states = cars.states
+            if over.any():
+                states[over] = end[over]
+            if row >= 0:
+                x[row], force[row], reward[row] = states, done.force, done.rewards[0]
+                others[row] = seen[:, len(shown) :]
+            if out.any():
+                lasted[out] = max(1, row + 1)
+                end, over = states, over | out
+    return Rollouts(
+        episodes=tuple(episodes),
+        duration=lasting.duration,
+        t=dt * np.arange(steps - rows + 1, steps + 1, dtype=np.float64),
+        x=x,
+        force=force,
+        reward=reward,
+        signals={each.name: others[:, :, i] * UNSCALED for i, each in enumerate(kept)},
+        lasted=lasted,
+        terminated=over,
+    )
+
+
+def _fleet(
+    episodes: Any, observed: tuple[Signal, ...], duration: float | None
+) -> tuple[Cars, Scenario]:
+    """Return cars that draw from what the episodes do, and a scenario of their length."""
+    if not isinstance(episodes, Sequence) or not all(isinstance(e, Episode) for e in episodes):
+        raise ValueError(
+            f"episodes must be a sequence of Episode, got {type(episodes).__name__}; take them "
+            "from qcar_env.evaluation.tracks.episodes"
+        )
+    if not episodes:
+        raise ValueError("episodes must not be empty; give at least one")
+    length = None if duration is None else positive("duration", duration, "s")
+    settings = task.Settings(observed, False, "amplitudes", length, None)
+    plans: dict[tuple[Scenario, float], Plan] = {}
+    members: dict[tuple[Scenario, float], list[int]] = {}
+    for i, each in enumerate(episodes):
+        key = (each.nominal, each.force_scale)
+        if key not in plans:
+            plans[key] = settings.plan(*key)
+        members.setdefault(key, []).append(i)
+    first, *others = plans.values()
+    for each in others:
+        alike = (each.composition, each.dt, each.substeps, each.scenario.steps)
+        if alike != (first.composition, first.dt, first.substeps, first.scenario.steps):
+            raise ValueError(
+                "episodes rolled out together must share parts, control interval and duration, got "
+                f"{first.scenario.name!r} (dt = {first.dt:g} s) and {each.scenario.name!r} "
+                f"(dt = {each.dt:g} s); roll them out apart"
+            )
+    cars = Cars(len(episodes), first)
+    cars.seed(np.arange(cars.n), streams(range(cars.n)))  # of what follows an end
+    if others:
+        cars.assign([(np.array(members[key]), each.source) for key, each in plans.items()])
+    return cars, first.scenario
+
+
+def _given(episodes: Sequence[Episode]) -> Array:
+    return np.array([(*each.state, each.phase) for each in episodes], dtype=np.float64)
+
+
+def _uniforms(episodes: Sequence[Episode], cars: Cars) -> Array:
+    """Return what the cars draw from; state and phase are given, so that theirs do not matter."""
+    found = np.zeros((len(episodes), cars.uniforms.shape[1]))
+    for row, each in zip(found, episodes, strict=True):
+        row[: len(each.uniforms)] = each.uniforms
+    return found

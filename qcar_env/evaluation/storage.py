@@ -97,6 +97,11 @@ def versions() -> dict[str, str]:
     return found
 
 
+def made_with() -> str:
+    """Return the versions in a line."""
+    return ", ".join(f"{name} {version}" for name, version in versions().items())
+
+
 def command() -> str:
     """Return the command line of this process, with the script as it was called."""
     return " ".join([Path(sys.executable).name, *sys.argv])

@@ -15,14 +15,22 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.envs import task
-from qcar_env.scenarios import SCENARIOS, Randomisation, Scenario, scenario as find_scenario, vary
+from qcar_env.engine.starts import (
+    CIRCLE,
+    FIRST_DRAWS,
+    MOTION_DRAWS,
+    Reference as Amplitudes,
+    drawn_motion,
+)
+from qcar_env.envs import episode as task
+from qcar_env.scenarios import Scales, Scenario, scenario as find_scenario
 from qcar_env.validation import known, positive, shown, store, whole
 
 Array = NDArray[np.float64]
@@ -35,14 +43,32 @@ _SPLIT_WORD: Mapping[str, int] = MappingProxyType({"training": 1, "validation": 
 
 @dataclass(frozen=True, kw_only=True)
 class Episode:
-    """One crossing: a scenario that no longer varies, and how it begins."""
+    """One episode: what it is drawn from, and how it begins."""
 
-    nominal: Scenario  # whose amplitudes scale the observation
-    scenario: Scenario  # as drawn, with the track's force limit
+    nominal: Scenario  # which the draw changes, and whose scales the observation has
     force_scale: float  # force limit over the scenario's own [-]
+    uniforms: tuple[float, ...]  # from [0, 1), at least one for each `Vary` of the scenario
     state: tuple[float, float, float, float]  # x1, x2 [m], v1, v2 [m/s] at the start
     phase: float  # of the road at the start [rad]
-    factors: task.Factors = task.UNVARIED  # what `nominal` was multiplied by, see `vary`
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """The scenario as drawn, with its force limit."""
+        return self.nominal.with_force_scale(self.force_scale).drawn(self.uniforms)
+
+    @cached_property
+    def uncontrolled(self) -> tuple[float, float]:
+        """Amplitudes of x1 and x2 without control [m]."""
+        return self.scenario.reference_amplitudes
+
+    @property
+    def drawn(self) -> dict[str, float]:
+        """What has been drawn, by the first number that it changes."""
+        varied = self.nominal.randomisation
+        return {
+            next(iter(each.numbers)): each.by.value(u)
+            for each, u in zip(varied, self.uniforms, strict=False)
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,8 +83,8 @@ class Track:
         Raised with every change of a number below.
     title : str
         One line for people.
-    scenario : str
-        Preset of `qcar_env.SCENARIOS`.
+    scenario : str or Scenario
+        Preset of `qcar_env.SCENARIOS`, or any other scenario.
     force_scales : tuple of float
         Force limits over the scenario's own [-].
     observe : {"full", "feedback"}
@@ -67,8 +93,9 @@ class Track:
         Crossings in the validation and in the held-out set, at each force limit.
     duration : float
         Length of a crossing [s].
-    periods : int
-        Whole periods at its end over which amplitudes are taken.
+    periods : int or None
+        Whole periods at its end over which amplitudes are taken; None for the whole crossing, on a
+        road that is not harmonic.
     seed : int
         Seed of the sets.
     metrics : tuple of str
@@ -77,18 +104,19 @@ class Track:
     Raises
     ------
     ValueError
-        If a name is unknown or a number out of range.
+        If a name is unknown, a number is out of range, or periods are asked for where there are
+        none.
     """
 
     name: str
     version: int
     title: str
-    scenario: str
+    scenario: str | Scenario
     force_scales: tuple[float, ...]
-    observe: task.Observe = "full"
+    observe: Literal["full", "feedback"] = "full"
     episodes: int = 8
     duration: float = 60.0
-    periods: int = 20
+    periods: int | None = 20
     seed: int = 3046
     metrics: tuple[str, ...] = (
         "rho",
@@ -116,23 +144,33 @@ class Track:
             self,
             version=whole("version", self.version),
             episodes=whole("episodes", self.episodes),
-            periods=whole("periods", self.periods),
+            periods=None if self.periods is None else whole("periods", self.periods),
             duration=positive("duration", self.duration, "s"),
-            scenario=known("scenario", self.scenario, SCENARIOS),
             observe=known("observe", self.observe, task.OBSERVE),
             force_scales=tuple(positive("force scale", scale) for scale in self.force_scales),
         )
+        if self.periods is not None and not self.nominal.excitation.harmonic:
+            raise ValueError(
+                f"track {self.name!r} takes amplitudes over its last {self.periods} periods, but "
+                f"the road of scenario {self.nominal.name!r} is not harmonic and has none; give "
+                "periods=None for the largest of the whole crossing"
+            )
 
     @property
     def nominal(self) -> Scenario:
         """The scenario that the draws vary."""
         return find_scenario(self.scenario)
 
+    @cached_property
+    def lasting(self) -> Scenario:
+        """The nominal scenario with the track's duration and its own scales."""
+        nominal = self.nominal
+        scales = nominal.scales or stated(nominal)
+        return dataclasses.replace(nominal, duration=self.duration, scales=scales)
+
     def at(self, force_scale: float) -> Scenario:
         """Return the nominal scenario with the force limit scaled [-], as an environment has it."""
-        return dataclasses.replace(
-            self.nominal.with_force_scale(force_scale), duration=self.duration
-        )
+        return self.lasting.with_force_scale(force_scale)
 
 
 def episodes(
@@ -162,8 +200,8 @@ def episodes(
     -------
     tuple of Episode
         The first one of a track that does not vary starts from rest at phase 0. Where the
-        scenario varies, all start from rest, at drawn phases, and the factors form a Latin
-        hypercube: with n episodes each factor takes one value in each n-th of its range.
+        scenario varies, all start from rest, at drawn phases, and the draws form a Latin
+        hypercube: with n episodes each takes one value in each n-th of its range.
 
     Raises
     ------
@@ -172,35 +210,44 @@ def episodes(
     """
     known("split", split, SPLITS)
     n = track.episodes if count is None else whole("count", count)
-    nominal = track.at(force_scale)
+    nominal = track.lasting
     words = [_SPLIT_WORD[split], track.seed if seed is None else whole("seed", seed, least=0)]
     rng = np.random.default_rng(words)
-    if nominal.randomisation is None:
-        states, phases = task.draw_start(rng, nominal, n)
-        states[0], phases[0] = 0.0, 0.0
-        factors = [task.UNVARIED] * n
+    endless = float(nominal.excitation.harmonic)
+    uniforms: Array = np.zeros((n, 0))
+    states = np.zeros((n, 4))
+    if nominal.randomisation:
+        phases = endless * CIRCLE * rng.random(n)
+        uniforms = _hypercube(rng, n, max(FIRST_DRAWS, len(nominal.randomisation)))
     else:
-        phases = 2.0 * np.pi * rng.random(n)
-        states = np.zeros((n, 4))
-        factors = [task.Factors(*row) for row in _hypercube(rng, nominal.randomisation, n)]
+        found = nominal.reference
+        amplitudes = Amplitudes(*found.start, *found.frequencies, *(0.0,) * 4)
+        motion = rng.random((n, MOTION_DRAWS))
+        phases = endless * CIRCLE * motion[:, 5]
+        states = np.array([drawn_motion(row, 0, amplitudes) for row in motion.tolist()])
+        states[0], phases[0] = 0.0, 0.0
     return tuple(
         Episode(
             nominal=nominal,
-            scenario=vary(nominal, *each),
-            force_scale=force_scale,
-            state=(float(x[0]), float(x[1]), float(x[2]), float(x[3])),
-            phase=float(phase),
-            factors=each,
+            force_scale=positive("force scale", force_scale),
+            uniforms=tuple(u),
+            state=(x[0], x[1], x[2], x[3]),
+            phase=phase,
         )
-        for each, x, phase in zip(factors, states, phases, strict=True)
+        for u, x, phase in zip(uniforms.tolist(), states.tolist(), phases.tolist(), strict=True)
     )
 
 
-def _hypercube(rng: np.random.Generator, ranges: Randomisation, n: int) -> list[list[float]]:
-    low, high = np.array(dataclasses.astuple(ranges), dtype=np.float64).T
-    cell = np.argsort(rng.random((n, len(low))), axis=0)
-    share = (cell + rng.random((n, len(low)))) / n
-    return (low + (high - low) * share).tolist()
+def stated(scenario: Scenario) -> Scales:
+    """Return the scales of a scenario, for one that differs in length or force limit."""
+    found = scenario.reference
+    (A1, A2), (omega1, omega2) = found.start, found.frequencies
+    return Scales(A1=A1, A2=A2, omega1=omega1, omega2=omega2, others=found.scales)
+
+
+def _hypercube(rng: np.random.Generator, n: int, columns: int) -> Array:
+    cell = np.argsort(rng.random((n, columns)), axis=0)
+    return (cell + rng.random((n, columns))) / n
 
 
 _TRACKS = (

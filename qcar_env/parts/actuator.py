@@ -10,8 +10,8 @@ to the one it does to the other, and it feeds in the power ``F travel_rate``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from qcar_env.parts.part import UNLIMITED, Nothing, Part, clamp, most, number
 from qcar_env.validation import entries, non_negative, positive, shown
@@ -44,15 +44,31 @@ class Actuator(Part):
 
     delay: float = number("delay of the command", "s", non_negative, 0.0)
 
+    if TYPE_CHECKING:  # a field of some subclasses, a property of others
+
+        @property
+        def limit(self) -> tuple[float, ...]:
+            """Force that action 1 asks for, or the largest damping, shape (m,)."""
+            ...
+
     size = 1  # number of actions m
     unit = "N"  # of the forces
     linear = False  # in action, memory and travel rate, while the action is within [-1, 1]
     State = Nothing
 
+    def scaled(self, scale: float) -> Any:
+        """Return the same actuator with `scale` [-] times its limits."""
+        return replace(self, limit=tuple(scale * each for each in self.limit))
+
     @property
     def at_rest(self) -> Any:
         """The memory at rest: zeros."""
         return self.State(*(0.0 for _ in self.State._fields))
+
+    @staticmethod
+    def largest(p: Any) -> Any:
+        """Return the first entry of `limit`."""
+        return p.limit[0]
 
     @staticmethod
     def command(action: Any, p: Any) -> Any:
@@ -94,7 +110,7 @@ class IndependentActuators(Actuator):
     car has such actuators; they are the paper's.
     """
 
-    limit: tuple[float, ...] = number("force", "m/s^2", _limits(2))
+    limit: tuple[float, ...] = number("force", "m/s^2", _limits(2))  # pyright: ignore[reportIncompatibleMethodOverride]
 
     size = 2
     unit = "m/s^2"
@@ -128,7 +144,7 @@ class SuspensionActuator(Actuator):
     (`LaggedSuspensionActuator`).
     """
 
-    limit: tuple[float, ...] = number("force", "N", _limits(1))
+    limit: tuple[float, ...] = number("force", "N", _limits(1))  # pyright: ignore[reportIncompatibleMethodOverride]
 
     linear = True
 
@@ -179,7 +195,7 @@ class LaggedSuspensionActuator(Actuator):
     must stay below 2.7 lags. Not validated: heat, inertia of the gear, leakage, pressure.
     """
 
-    limit: tuple[float, ...] = number("force", "N", _limits(1))
+    limit: tuple[float, ...] = number("force", "N", _limits(1))  # pyright: ignore[reportIncompatibleMethodOverride]
     lag: float = number("time constant", "s", positive)
     rate_limit: float = number("", "N/s", positive, UNLIMITED)
     power: float = number("largest", "W", positive, UNLIMITED)
@@ -242,10 +258,19 @@ class _Valve(Actuator):
                 f"got {self.c_max:g} N s/m; exchange them"
             )
 
+    def scaled(self, scale: float) -> Any:
+        """Return the damper with `scale` [-] times the range of its damping above the least."""
+        return replace(self, c_max=self.c_min + scale * (self.c_max - self.c_min))
+
     @property
     def limit(self) -> tuple[float, ...]:
         """The largest damping [N s/m]."""
         return (self.c_max,)
+
+    @staticmethod
+    def largest(p: Any) -> Any:
+        """Return the largest damping [N s/m]."""
+        return p.c_max
 
     @staticmethod
     def command(action: Any, p: Any) -> Any:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from qcar_env.parts.part import Part, least, most, number
+from qcar_env.parts.part import Part, number, positive_part
 from qcar_env.parts.table import both_sides, not_falling, rising, through_zero
 from qcar_env.validation import non_negative, positive
 
@@ -81,10 +81,10 @@ class BilinearDamper(Damper):
     @staticmethod
     def force(rate: Any, p: Any) -> Any:
         """Return the force [N] at a rate [m/s]."""
-        out, into = most(rate, 0.0), most(-rate, 0.0)
-        slow = p.c_rebound * least(out, p.knee) - p.c_compression * least(into, p.knee)
-        fast = p.c_rebound * most(out - p.knee, 0.0) - p.c_compression * most(into - p.knee, 0.0)
-        return slow + p.fast * fast
+        out, into = positive_part(rate), positive_part(-rate)
+        over, under = positive_part(out - p.knee), positive_part(into - p.knee)
+        rebound = p.c_rebound * (out - over + p.fast * over)
+        return rebound - p.c_compression * (into - under + p.fast * under)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,7 +20,7 @@ from collections import namedtuple
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 from qcar_env.validation import store
 
@@ -57,6 +57,10 @@ def number(title: str, unit: str, check: Check, default: Any = MISSING) -> Any:
 class Part:
     """Base of everything that has numbers; checks them where they enter."""
 
+    Numbers: ClassVar[Any] = (
+        None  # NamedTuple class of the numbers, made when they are first asked for
+    )
+
     def __post_init__(self) -> None:
         """Check every number."""
         for each in dataclasses.fields(self):
@@ -76,9 +80,10 @@ class Part:
 
 @cache
 def numbers_class(kind: type[Part]) -> Any:
-    """Return the NamedTuple class of the numbers of a class of parts."""
-    made: Any = namedtuple(kind.__name__ + "Numbers", _fields(kind))  # pyright: ignore[reportUntypedNamedTuple]
-    made.__module__ = kind.__module__
+    """Return the NamedTuple class of the numbers of a class of parts, its `Numbers`."""
+    made: Any = namedtuple("Numbers", _fields(kind))  # pyright: ignore[reportUntypedNamedTuple]
+    made.__module__, made.__qualname__ = kind.__module__, f"{kind.__qualname__}.Numbers"
+    kind.Numbers = made  # so that caches of compiled code find it by its name
     return made
 
 
@@ -117,6 +122,11 @@ def least(a: Any, b: Any) -> Any:
 def most(a: Any, b: Any) -> Any:
     """Return the larger of two numbers."""
     return a * (a >= b) + b * (b > a)
+
+
+def positive_part(value: Any) -> Any:
+    """Return a finite number where it is above zero, else zero."""
+    return value * (value > 0.0)
 
 
 def clamp(value: Any, low: Any, high: Any) -> Any:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from qcar_env.parts.part import Part, most, number
+from qcar_env.parts.part import Part, number, positive_part
 from qcar_env.parts.table import (
     Side,
     both_sides,
@@ -176,7 +176,7 @@ class Stops(TravelStops):
     @staticmethod
     def force(travel: Any, p: Any) -> Any:
         """Return the force [N] at a travel [m]."""
-        out, into = most(travel - p.rebound, 0.0), most(-travel - p.bump, 0.0)
+        out, into = positive_part(travel - p.rebound), positive_part(-travel - p.bump)
         return p.k * (out - into) + p.k3 * (out * out * out - into * into * into)
 
 

@@ -1,9 +1,11 @@
 """Forces read from a table: straight lines between its points, and on beyond its ends.
 
-    f(x) = side(x; up) - side(-x; down),    side(x) = sum_i s_i clamp(x - x_i, 0, w_i)
+    f(x) = side(x; up) - side(-x; down)
+    side(x) = sum_i s_i (max(x - x_i, 0) - max(x - x_i+1, 0)),    the last x_i+1 at infinity
 
 The lines are summed outward from the point (0, 0), which every table holds: the force at rest is
-zero to the last bit, a line never takes away what another has given, and no branch is needed.
+zero to the last bit, slopes that are not negative give no force of the wrong sign, and no branch
+is needed.
 """
 
 from __future__ import annotations
@@ -11,7 +13,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from qcar_env.parts.part import UNLIMITED
+from qcar_env.parts.part import positive_part
 from qcar_env.validation import entries, finite, shown
 
 
@@ -19,7 +21,6 @@ class Side(NamedTuple):
     """The lines on one side of zero, outward."""
 
     start: tuple[Any, ...]  # x_i, where a line begins
-    width: tuple[Any, ...]  # w_i, how far it goes; `UNLIMITED` for the last one
     slope: tuple[Any, ...]  # s_i
 
 
@@ -32,12 +33,12 @@ class Sides(NamedTuple):
 
 def side(x: Any, lines: Any) -> Any:
     """Return the force at `x` of the lines (a `Side`) on one side: zero for ``x <= 0``."""
-    force = 0.0 * x
-    for i in range(len(lines.start)):
-        beyond, width = x - lines.start[i], lines.width[i]
-        within = beyond * (beyond > 0.0) * (beyond <= width) + width * (beyond > width)
-        force = force + lines.slope[i] * within
-    return force
+    force, here = 0.0, positive_part(x - lines.start[0])
+    for i in range(1, len(lines.start)):
+        beyond = positive_part(x - lines.start[i])
+        force = force + lines.slope[i - 1] * (here - beyond)
+        here = beyond
+    return force + lines.slope[-1] * here
 
 
 def both_sides(x: Any, lines: Any) -> Any:
@@ -99,12 +100,11 @@ def outward(name: str, x: tuple[float, ...], y: tuple[float, ...]) -> Side:
             f"{name} must begin with the point (0, 0), got ({x[0]:g}, {y[0]:g}); "
             "put 0 first in both"
         )
-    width = tuple(b - a for a, b in pairwise(x))
     slope = tuple(
-        finite(f"slope of {name} from {a:g}", (d - c) / w)
-        for a, w, c, d in zip(x[:-1], width, y[:-1], y[1:], strict=True)
+        finite(f"slope of {name} from {a:g}", (d - c) / (b - a))
+        for (a, b), (c, d) in zip(pairwise(x), pairwise(y), strict=True)
     )
-    return Side(x[:-1], (*width[:-1], UNLIMITED), slope)
+    return Side(x[:-1], slope)
 
 
 def through_zero(name: str, x: tuple[float, ...], y: tuple[float, ...]) -> Sides:
@@ -132,7 +132,7 @@ def through_zero(name: str, x: tuple[float, ...], y: tuple[float, ...]) -> Sides
 
 
 def _straight(other: Side | None) -> Side:
-    return Side((0.0,), (UNLIMITED,), other.slope[:1] if other else (0.0,))
+    return Side((0.0,), other.slope[:1] if other else (0.0,))
 
 
 def _paired(name: str, x: tuple[float, ...], y: tuple[float, ...]) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from qcar_env.parts.part import Part, most, number
+from qcar_env.parts.part import Part, most, number, positive_part
 from qcar_env.validation import non_negative, positive
 
 
@@ -92,4 +92,4 @@ class LiftOffTyre(Tyre):
     @staticmethod
     def kick(jump: Any, p: Any) -> Any:
         """Return the impulse [N s] on the wheel of a jump [m] of the road's height."""
-        return p.c * most(jump, 0.0)
+        return p.c * positive_part(jump)

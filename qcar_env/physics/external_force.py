@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.physics.roads import Phasor
+from qcar_env.physics.motion import Phasor
 from qcar_env.validation import finite, finite_array, non_negative, store
 
 

@@ -1,7 +1,8 @@
-"""The plant without control is linear: its matrices, exact transition, modes and steady state.
+"""A linear plant: its matrices, exact transition, modes and steady state.
 
-State order everywhere: ``(x1, x2, v1, v2)``. These functions are the truth that the integrators
-are tested against, and the model that LQR, MPC and the optimum use.
+The matrices are read off the plant's own rate; a plant that is not linear is refused. The state is
+``(x1, x2, v1, v2)`` everywhere. These functions are the truth that the integrators are tested
+against, and the model that LQR, MPC and the optimum use.
 """
 
 from __future__ import annotations
@@ -13,43 +14,126 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from qcar_env.physics.car import QuarterCar
+from qcar_env.parts.actuator import Actuator
+from qcar_env.parts.part import Nothing
+from qcar_env.physics.car import Car
 from qcar_env.physics.external_force import ExternalForce
-from qcar_env.physics.forcing import World, amplitudes_of, passage_of
-from qcar_env.physics.motion import half_step_angles, substep
+from qcar_env.physics.motion import Input, Phasor, Phasors, turning, turning_step
 from qcar_env.physics.rk4 import step_fractions
-from qcar_env.physics.roads import Phasor, Road
 from qcar_env.physics.state import State
+from qcar_env.roads.excitation import Excitation
 from qcar_env.validation import finite, positive, whole
 
 Array = NDArray[np.float64]
 
 
-def system_matrix(car: QuarterCar) -> Array:
-    """Return A of ``x' = A x + B u + R w``, shape (4, 4)."""
-    return np.array(
-        [
-            [0.0, 0.0, 1.0, 0.0],
-            [0.0, 0.0, 0.0, 1.0],
-            [-(car.omega1**2), car.E1, -car.b1, car.E2],  # (3)
-            [car.E3, -(car.omega2**2), car.b2, -car.b2],  # (4)
-        ]
-    )
+INPUTS = (*State._fields, "u1", "u2", "y", "y'", "F")
+RATES = ("x1'", "x2'", "x1''", "x2''")
+PROBES = np.random.default_rng(0).uniform(-1.0, 1.0, (len(INPUTS), 4)) * [1e-3, 1e-2, 1e-1, 1.0]
+ROUNDING = 1e-12  # of the terms of a sum, a few thousand roundings [-]
+TINY = 1e-300  # below which numbers lose digits
 
 
-def input_matrix() -> Array:
-    """Return B for the specific actuator forces ``u = (u1, u2)`` [m/s^2], shape (4, 2)."""
-    return np.array([[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+@dataclass(frozen=True, kw_only=True)
+class Matrices:
+    """The plant as ``x' = A x + B u + R w``."""
+
+    A: Array  # (4, 4) of the state
+    B: Array  # (4, 2) of the specific actuator forces ``u = (u1, u2)`` [m/s^2]
+    R: Array  # (4, 3) of the forcing ``w = (y, y', F)``
 
 
-def forcing_matrix(car: QuarterCar) -> Array:
-    """Return R for the forcing ``w = (y, y', F)``, shape (4, 3)."""
-    return np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [car.mu1, car.mu2, 0.0], [0.0, 0.0, 1.0]])
+def matrices(car: Car) -> Matrices:
+    """Read the matrices off the plant's rate, by applying it to unit vectors.
+
+    Parameters
+    ----------
+    car : Car
+        The plant.
+
+    Returns
+    -------
+    Matrices
+
+    Raises
+    ------
+    ValueError
+        If the plant is not linear. The rate must vanish at rest, follow each input in proportion
+        (from a thousandth of its unit to the unit, and below zero), and add up for four mixtures
+        of all inputs. The message names what does not.
+    """
+    unit = np.eye(len(INPUTS))
+    columns = np.hstack([unit, -unit, 0.1 * unit, -1e-3 * unit, 0.0 * unit[:, :1], PROBES])
+    found = _rates(columns, car)
+    each = found[:, : len(unit)]
+    expected, size = each @ columns, np.abs(each) @ np.abs(columns)
+    off = ~(np.abs(found - expected) <= ROUNDING * size + TINY)  # NaN is off, too
+    if np.any(off):
+        alone = np.any(off[:, : 4 * len(unit)].reshape(len(RATES), 4, -1), axis=(0, 1))
+        rates = [name for name, bad in zip(RATES, np.any(off, axis=1), strict=True) if bad]
+        inputs = [name for name, bad in zip(INPUTS, alone, strict=True) if bad]
+        raise ValueError(
+            f"the car must be linear, got {' and '.join(rates)} out of proportion to "
+            f"{', '.join(inputs) or 'the inputs taken together'}; give it linear parts, or simulate"
+        )
+    return Matrices(A=each[:, :4], B=each[:, 4:6], R=each[:, 6:])
 
 
-def poles(car: QuarterCar) -> NDArray[np.complex128]:
+def _rates(columns: Array, car: Car) -> Array:
+    """Return the rates of the state, (4, k), for columns (9, k) of `INPUTS`."""
+    u1, u2, y, y_dot, F = columns[4:]
+    functions = car.functions
+    c = functions.prepare(car.numbers)
+    input = Input(functions.road_input(y, y_dot, c), F)
+    entries = functions.rate(State(*columns[:4]), input, u1, u2, c)
+    return np.array(np.broadcast_arrays(*entries, columns[0])[:4])
+
+
+def actuation(car: Car, actuator: Actuator) -> Array:
+    """Return the specific forces on wheel and body [m/s^2] that action 1 of each actuator makes.
+
+    Returns
+    -------
+    ndarray (2, m)
+        For an actuator that pushes on both masses, one column.
+
+    Raises
+    ------
+    ValueError
+        If the actuator is not linear, remembers, or acts late; the message says what to give.
+    """
+    numbers, functions = actuator.numbers, car.functions
+    if not actuator.linear or actuator.delay or actuator.State is not Nothing:
+        raise ValueError(
+            f"the actuator must be linear, at once and without a lag, got {actuator}; "
+            "give IndependentActuators or a SuspensionActuator, or simulate"
+        )
+    columns: list[tuple[float, float]] = []
+    for action in np.eye(actuator.size).tolist():
+        command = type(actuator).command(action, numbers)
+        forces = type(actuator).force(Nothing(), command, 0.0, numbers)
+        if actuator.unit == "N":
+            forces = functions.by_mass(*forces, functions.prepare(car.numbers))
+        columns.append(forces)
+    return np.array(columns, dtype=np.float64).T
+
+
+def jacobian(car: Car) -> Array:
+    """Return the slope of the uncontrolled car's rate about its rest, shape (4, 4).
+
+    Of a linear car this is A. Elsewhere it is a central difference over 1e-6 m and m/s, to 1e-6 of
+    its size; a stop or a road that is not touched at rest does not count.
+    """
+    step = 1e-6
+    columns = np.zeros((len(INPUTS), 8))
+    columns[:4] = np.hstack([step * np.eye(4), -step * np.eye(4)])
+    found = _rates(columns, car)
+    return (found[:, :4] - found[:, 4:]) / (2.0 * step)
+
+
+def poles(car: Car) -> NDArray[np.complex128]:
     """Return the eigenvalues of the uncontrolled plant [1/s], shape (4,), slowest first."""
-    values = np.linalg.eigvals(system_matrix(car)).astype(np.complex128)
+    values = np.linalg.eigvals(matrices(car).A).astype(np.complex128)
     order = np.lexsort((-values.imag, np.round(-values.real, 9)))
     return values[order]
 
@@ -63,7 +147,7 @@ class Mode:
     shape: tuple[complex, complex]  # displacements of wheel and body, the larger one 1 [-]
 
 
-def modes(car: QuarterCar) -> tuple[Mode, ...]:
+def modes(car: Car) -> tuple[Mode, ...]:
     """Return the modes of the uncontrolled car, lowest frequency first.
 
     Returns
@@ -71,7 +155,7 @@ def modes(car: QuarterCar) -> tuple[Mode, ...]:
     tuple of Mode
         Two for an underdamped car; an overdamped mode counts once for each real pole.
     """
-    values, vectors = np.linalg.eig(system_matrix(car))
+    values, vectors = np.linalg.eig(matrices(car).A)
     found: list[Mode] = []
     for value, vector in zip(values, vectors.T, strict=True):
         if value.imag < 0.0:
@@ -87,12 +171,12 @@ def modes(car: QuarterCar) -> tuple[Mode, ...]:
     return tuple(sorted(found, key=lambda mode: mode.frequency))
 
 
-def held_transition(car: QuarterCar, dt: float) -> tuple[Array, Array]:
+def held_transition(car: Car, dt: float) -> tuple[Array, Array]:
     """Return the exact map over `dt` under a held actuator force and no forcing.
 
     Parameters
     ----------
-    car : QuarterCar
+    car : Car
         The plant.
     dt : float
         Interval [s].
@@ -104,8 +188,8 @@ def held_transition(car: QuarterCar, dt: float) -> tuple[Array, Array]:
         ``x(t + dt) = Ad x(t) + Bd u``.
     """
     m = np.zeros((6, 6))
-    m[:4, :4] = system_matrix(car)
-    m[:4, 4:] = input_matrix()
+    plant = matrices(car)
+    m[:4] = np.hstack([plant.A, plant.B])
     exact = expm(m * positive("dt", dt, "s"))
     return exact[:4, :4], exact[:4, 4:]
 
@@ -125,7 +209,7 @@ class Transition:
     dt: float  # [s]
 
 
-def exact_transition(car: QuarterCar, road: Road, force: ExternalForce, dt: float) -> Transition:
+def exact_transition(car: Car, road: Excitation, force: ExternalForce, dt: float) -> Transition:
     """Return the exact map over `dt` on one piece of the road (matrix exponential).
 
     Parameters
@@ -145,12 +229,11 @@ def exact_transition(car: QuarterCar, road: Road, force: ExternalForce, dt: floa
         If `dt` is not positive.
     """
     m = np.zeros((10, 10))
-    m[:4, :4] = system_matrix(car)
-    m[:4, 4:6] = input_matrix()
-    r = forcing_matrix(car)
-    m[:4, 6] = r[:, 0] * road.h  # y = h s
-    m[:4, 7] = r[:, 1] * road.h * road.omega  # y' = h omega c
-    m[:4, 9] = r[:, 2] * force.f  # F = f C
+    plant = matrices(car)
+    m[:4, :4], m[:4, 4:6] = plant.A, plant.B
+    m[:4, 6] = plant.R[:, 0] * road.h  # y = h s
+    m[:4, 7] = plant.R[:, 1] * road.h * road.omega  # y' = h omega c
+    m[:4, 9] = plant.R[:, 2] * force.f  # F = f C
     m[6, 7], m[7, 6] = road.omega, -road.omega
     m[8, 9], m[9, 8] = force.Omega, -force.Omega
     exact = expm(m * positive("dt", dt, "s"))
@@ -160,7 +243,7 @@ def exact_transition(car: QuarterCar, road: Road, force: ExternalForce, dt: floa
 
 
 def rk4_transition(
-    car: QuarterCar, road: Road, force: ExternalForce, dt: float, substeps: int
+    car: Car, road: Excitation, force: ExternalForce, dt: float, substeps: int
 ) -> Transition:
     """Return the map that `substeps` RK4 steps make of an interval `dt` (see `exact_transition`).
 
@@ -170,18 +253,22 @@ def rk4_transition(
     Raises
     ------
     ValueError
-        If `dt` is not positive or `substeps` no whole number from 1 to 1 000 000.
+        If `dt` is not positive or `substeps` no whole number from 1 to 1 000 000; if the plant is
+        not linear (see `matrices`).
     """
+    matrices(car)  # refuses a plant that is not linear
     dt, substeps = positive("dt", dt, "s"), whole("substeps", substeps, most=1_000_000)
     unit = np.eye(10)
     x = State(*unit[:4])
-    u1, u2 = unit[4], unit[5]
-    world = World(Phasor(unit[6], unit[7]), Phasor(unit[8], unit[9]))
+    phasors = Phasors(Phasor(unit[6], unit[7]), Phasor(unit[8], unit[9]))
     step = step_fractions(dt / substeps)
-    amplitudes = amplitudes_of(road.h, road.omega, force.f, car)
-    passage = passage_of(half_step_angles(road.omega, force.Omega, step.full), amplitudes)
+    functions = car.functions
+    c = functions.prepare(car.numbers)
+    road_s = functions.road_input(road.h, 0.0, c)
+    road_c = functions.road_input(0.0, road.h * road.omega, c)
+    prepared = turning(road_s, road_c, force.f, road.omega, force.Omega, step.full)
     for _ in range(substeps):
-        x, world = substep(x, world, passage, amplitudes, step, u1, u2, car)
+        x, phasors = turning_step(functions.rate, x, phasors, prepared, step, unit[4], unit[5], c)
     m = np.array(x)
     return Transition(A=m[:, :4], B=m[:, 4:6], road=m[:, 6:8], force=m[:, 8:10], dt=dt)
 
@@ -212,7 +299,7 @@ class SteadyState:
         )
 
 
-def steady_state(car: QuarterCar, road: Road, force: ExternalForce) -> SteadyState:
+def steady_state(car: Car, road: Excitation, force: ExternalForce) -> SteadyState:
     """Return the steady motion of the uncontrolled car on a harmonic road.
 
     Parameters
@@ -230,24 +317,26 @@ def steady_state(car: QuarterCar, road: Road, force: ExternalForce) -> SteadySta
         If the road is not harmonic (a hump passes and a step settles), or if a forcing frequency
         meets an undamped mode.
     """
-    if road.profile != "harmonic":
+    if not road.harmonic:
         raise ValueError(
-            f"a steady state needs a harmonic road, got {road.profile!r}; use roads.harmonic"
+            f"a steady state needs a harmonic road, got {road.road}; give a Sine, for example "
+            "roads.excitation.harmonic(h=0.1, omega=55.0)"
         )
-    r = forcing_matrix(car)
+    plant = matrices(car)
+    r = plant.R
     # y = Im(h e^{i omega t}) = Re(-i h e^{i omega t}); F = Re(f e^{i Omega t})
     into_road = (r[:, 0] + 1j * road.omega * r[:, 1]) * (-1j * road.h)
     into_force = r[:, 2] * force.f
     return SteadyState(
         omega=road.omega,
         Omega=force.Omega,
-        road=_response(car, road.omega, into_road),
-        force=_response(car, force.Omega, into_force),
+        road=_response(plant.A, road.omega, into_road),
+        force=_response(plant.A, force.Omega, into_force),
     )
 
 
-def _response(car: QuarterCar, frequency: float, into: NDArray[Any]) -> NDArray[np.complex128]:
-    matrix = 1j * frequency * np.eye(4) - system_matrix(car)
+def _response(A: Array, frequency: float, into: NDArray[Any]) -> NDArray[np.complex128]:
+    matrix = 1j * frequency * np.eye(4) - A
     if not np.any(into):
         return np.zeros(4, dtype=np.complex128)
     if np.linalg.cond(matrix) > 1e14:

@@ -15,6 +15,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from qcar_env.physics.tree import add, advance
+
 # The method is stable for a linear mode while step * lambda stays within its stability region,
 # which reaches -2.785 on the real axis, 2.828 on the imaginary one, and least far, to 2.616, for
 # a mode of damping ratio 0.53 (region: Hairer and Wanner, Solving Ordinary Differential Equations
@@ -39,8 +41,6 @@ def step_fractions(step: Any) -> Step:
 
 def rk4_step(
     rate: Callable[..., Any],
-    advance: Callable[..., Any],
-    add: Callable[..., Any],
     x: Any,
     step: Any,
     w_start: Any,
@@ -53,13 +53,9 @@ def rk4_step(
     Parameters
     ----------
     rate : callable
-        Right-hand side ``rate(x, w, *args)``; returns what `advance` and `add` take.
-    advance : callable
-        ``advance(x, step, rate)`` returns ``x + step * rate`` for the caller's kind of state.
-    add : callable
-        ``add(a, b)`` returns the sum of two rates.
+        Right-hand side ``rate(x, w, *args)``, of the kind of `x`.
     x : tuple
-        State at the start of the step.
+        State at the start of the step: a named tuple of numbers or of named tuples.
     step : Step
         Step size and its fractions [s].
     w_start, w_middle, w_end

@@ -33,52 +33,6 @@ class Filter(NamedTuple):
     eta2_dot: Any  # its rate [m/s]
 
 
-def advance(x: Any, step: Any, rate: Any) -> State:
-    """Move a state along a rate: ``x + step * rate``.
-
-    Parameters
-    ----------
-    x : State
-        Where to start.
-    step : float or array (n,)
-        How far [s].
-    rate : State
-        Time derivatives, in the order of the state.
-
-    Returns
-    -------
-    State
-    """
-    return State(
-        x.x1 + step * rate.x1,
-        x.x2 + step * rate.x2,
-        x.v1 + step * rate.v1,
-        x.v2 + step * rate.v2,
-    )
-
-
-def add(a: Any, b: Any) -> State:
-    """Return the sum of two states, or of two rates of the state."""
-    return State(a.x1 + b.x1, a.x2 + b.x2, a.v1 + b.v1, a.v2 + b.v2)
-
-
-def advance_filter(eta: Any, step: Any, rate: Any) -> Filter:
-    """Move a filter state along a rate: ``eta + step * rate`` (see `advance`)."""
-    return Filter(
-        eta.eta1 + step * rate.eta1,
-        eta.eta2 + step * rate.eta2,
-        eta.eta1_dot + step * rate.eta1_dot,
-        eta.eta2_dot + step * rate.eta2_dot,
-    )
-
-
-def add_filter(a: Any, b: Any) -> Filter:
-    """Return the sum of two filter states, or of two rates of theirs."""
-    return Filter(
-        a.eta1 + b.eta1, a.eta2 + b.eta2, a.eta1_dot + b.eta1_dot, a.eta2_dot + b.eta2_dot
-    )
-
-
 def suspension_travel(x: State) -> Any:
     """Return the body's displacement relative to the wheel, ``x2 - x1`` [m]."""
     return x.x2 - x.x1

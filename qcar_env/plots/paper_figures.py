@@ -1,8 +1,9 @@
 """The paper's Figures 3 to 14, and four of our own, composed from data.
 
-Each function takes the numbers that `qcar_env.analysis.paper_experiments` computes and returns a
+Each function takes the numbers that `qcar_env.analysis.paper.experiments` computes and returns a
 figure; nothing is computed or saved here. Inside `qcar_env.plots.style.journal` they have the
-look of all figures. Simulated points are open circles, unstable motions dashed.
+look of all figures. Simulated points are open circles, unstable motions dashed. The file is long
+because sixteen figures share their grids, axes and legends.
 """
 
 from __future__ import annotations
@@ -18,17 +19,17 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from numpy.typing import NDArray
 
 from qcar_env.analysis.chaos import LyapunovExponents
-from qcar_env.analysis.frequency_response import Response
-from qcar_env.analysis.paper_experiments import (
+from qcar_env.analysis.paper.experiments import (
     Comparison,
     Effects,
     Errors,
     FoldedResponse,
     SimulatedPoints,
 )
-from qcar_env.analysis.parameter_study import Curve
+from qcar_env.analysis.paper.frequency_response import Response
+from qcar_env.analysis.paper.parameter_study import Curve
+from qcar_env.analysis.paper.stability import FloquetComparison, StabilityMap
 from qcar_env.analysis.simulate import Simulation
-from qcar_env.analysis.stability import FloquetComparison, StabilityMap
 from qcar_env.plots.response import (
     SYMBOLS,
     axis_label,

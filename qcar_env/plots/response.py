@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from qcar_env.analysis.frequency_response import Response
-from qcar_env.analysis.paper_experiments import Errors, SimulatedPoints
-from qcar_env.analysis.stability import FloquetComparison, StabilityMap
+from qcar_env.analysis.paper.experiments import Errors, SimulatedPoints
+from qcar_env.analysis.paper.frequency_response import Response
+from qcar_env.analysis.paper.stability import FloquetComparison, StabilityMap
 
 Array = NDArray[np.float64]
 

@@ -8,10 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
+import matplotlib.pyplot as plt
+from matplotlib.figure import Figure
+
+from qcar_env.evaluation import storage
 
 
 class Line(NamedTuple):
@@ -81,6 +86,15 @@ def line(law: str) -> Line:
         if known in LINES:
             return LINES[known]
     return Line(OTHERS[sum(key.encode()) % len(OTHERS)], "-", law)
+
+
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG and as PDF, under a name without ending, and close it."""
+    for suffix in ("png", "pdf"):
+        metadata = {"CreationDate": None} if suffix == "pdf" else None  # the same file each time
+        with storage.replacing(path.with_name(f"{path.name}.{suffix}")) as temporary:
+            figure.savefig(temporary, metadata=metadata)
+    plt.close(figure)
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -12,9 +11,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
+from qcar_env.evaluation.comparison import Comparison
 from qcar_env.plots.style import DOUBLE_COLUMN, line
 
 Array = NDArray[np.float64]
+
+SHOWN = 10.0  # [s] of the time histories
 
 
 def displacement(ax: Axes, t: Array, x: Array, law: str) -> Axes:
@@ -61,39 +63,30 @@ def envelope(ax: Axes, t: Array, x: Array, period: float, law: str) -> Axes:
     return ax
 
 
-def comparison(
-    t: Array,
-    histories: Mapping[str, tuple[Array, Array]],
-    period: float,
-    *,
-    shown: float,
-    panels: Sequence[str] | None = None,
-) -> Figure:
-    """Draw every law against the uncontrolled motion, and all envelopes together.
+def comparison(found: Comparison) -> Figure | None:
+    """Draw policies against the uncontrolled motion, and all envelopes together.
 
-    Parameters
-    ----------
-    t : ndarray (k,)
-        Times [s].
-    histories : mapping
-        Displacements ``(x1, x2)`` [m] of each law, arrays (k,); ``none`` is the uncontrolled one.
-    period : float
-        Period of the motion [s].
-    shown : float
-        Length of the time histories that is shown [s].
-    panels : sequence of str, optional
-        Laws that get a time history; all but the uncontrolled one if left out.
-
-    Returns
-    -------
-    Figure
+    Those that left the travel limits are left out; without any other there is no figure. Of the
+    learned ones one gets a time history: by reinforcement if there is one, and the best.
     """
-    laws = list(panels) if panels is not None else [law for law in histories if law != "none"]
+    complete = [each.policy for each in found.outcomes if not each.terminated]
+    if not complete:
+        return None
+    best = min(
+        (each for each in found.outcomes if each.policy in found.learned),
+        key=lambda each: (not each.policy.startswith(("ppo", "sac")), each.rho),
+        default=None,
+    )
+    aside = {"none", *found.learned} - {best.policy if best else ""}
+    laws = [name for name in complete if name not in aside]
+    histories = {name: (found.rollouts[name].x1, found.rollouts[name].x2) for name in complete}
+    t = found.rollouts[complete[0]].t
+    period = 2.0 * np.pi / found.scenario.reference_frequency
     figure = plt.figure(figsize=(DOUBLE_COLUMN, 5.4))
     parts: Any = figure.subfigures(2, 1, height_ratios=[3.1, 2.3])
     upper, lower = parts
     axes = upper.subplots(2, max(1, len(laws)), sharex=True, sharey="row", squeeze=False)
-    window = t <= shown
+    window = t <= min(SHOWN, float(t[-1]))
     for row, (symbol, mass) in enumerate((("x_1", "wheel"), ("x_2", "body"))):
         for ax, law in zip(axes[row], laws, strict=False):
             if "none" in histories:

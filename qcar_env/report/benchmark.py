@@ -3,69 +3,51 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from qcar_env.evaluation.benchmark import Bound, History, Row, Standing
+from qcar_env.evaluation import storage
+from qcar_env.evaluation.benchmark import Outcome, Unit
+from qcar_env.evaluation.score import Row
+from qcar_env.evaluation.standings import Standing, findings
 from qcar_env.evaluation.tracks import Track
 from qcar_env.plots.benchmark import LOOKS, look
 from qcar_env.plots.style import Line, line
 from qcar_env.report import content
 from qcar_env.report.content import Cell, Chart, Column, Curve, Report, Table, dashes, thinned
+from qcar_env.report.page import write
 
-Unit = tuple[str, float]  # name of a track, force limit over the scenario's own [-]
 SMALLEST = 1e-5  # [-] lower edge of logarithmic axes: stillness for any purpose
 LEARNED_DASHES = ("-", (0, (6, 2)), (0, (1, 1)), (0, (4, 1, 1, 1)))  # all are of one colour
 MOST_CURVES = 10  # in a chart at first; more than that hide one another
 
 
-def benchmark(
-    tracks: Sequence[Track],
-    rows: Sequence[Row],
-    standings: Sequence[Standing],
-    bounds: Mapping[Unit, Sequence[Bound]],
-    histories: Mapping[tuple[str, str, float], History],
-    *,
-    findings: Sequence[str],
-    provenance: Mapping[str, str],
-) -> Report:
-    """Collect the report of a benchmark.
+def page(path: Path, outcome: Outcome) -> Path:
+    """Write the report of a benchmark to a file ending in .html, and return where."""
+    provenance = {
+        "command": storage.command(),
+        "seed of the crossings": "the tracks' own" if outcome.seed is None else str(outcome.seed),
+        "versions": storage.made_with(),
+        "failed": "; ".join(map(str, outcome.failures)) or "none",
+        "numbers": "table.csv and result.json beside this file",
+    }
+    return write(path, benchmark(outcome, provenance))
 
-    Parameters
-    ----------
-    tracks : sequence of Track
-        Where policies were scored.
-    rows : sequence of Row
-        One for each policy, track, force limit and crossing.
-    standings : sequence of Standing
-        rho of each policy on each track and limit, with its interval.
-    bounds : mapping
-        The optimum of each crossing by track and force limit.
-    histories : mapping
-        The last periods of the first crossing by policy, track and force limit.
-    findings : sequence of str
-        What was found, one sentence each.
-    provenance : mapping
-        Command, versions, seeds.
 
-    Returns
-    -------
-    Report
-    """
+def benchmark(outcome: Outcome, provenance: Mapping[str, str]) -> Report:
+    """Collect the report of a benchmark, with what is needed to make it again."""
+    tracks, standings = outcome.tracks, outcome.standings
     nominal = tracks[0].nominal
-    names = [each.name for each in tracks]
     shown = _shown(standings)
     looks = _looks(standings)
-    kept = _histories(histories, names, shown, looks, 2.0 * np.pi / nominal.reference_frequency)
     charts = [
-        chart
-        for each in tracks
-        if (chart := _frontier(each, standings, bounds, shown, looks)) is not None
+        chart for each in tracks if (chart := _frontier(each, outcome, shown, looks)) is not None
     ]
     charts += [
-        _distribution(each, scale, rows, bounds, shown, looks)
+        _distribution(each, scale, outcome, shown, looks)
         for each in tracks
-        if each.nominal.randomisation is not None
+        if each.nominal.randomisation
         for scale in each.force_scales
     ]
     return Report(
@@ -73,13 +55,13 @@ def benchmark(
         lead="How much vibration does each policy leave at equal force, and how far is that from "
         "the best that any force could do? rho is the larger of the two steady amplitudes over "
         "those without control: 1 is no control, 0 is stillness.",
-        findings=tuple(findings),
+        findings=findings(standings),
         tables=(
             *(_board(each, standings, looks) for each in tracks),
-            _everything(rows, nominal.actuator.unit, looks),
+            _everything(outcome.rows, nominal.actuator.unit, looks),
         ),
         charts=tuple(charts),
-        histories=tuple(kept),
+        histories=tuple(_histories(outcome, shown, looks)),
         force_unit=nominal.actuator.unit,
         parameters=content.parameters(nominal),
         provenance=provenance,
@@ -223,17 +205,14 @@ def _mean(rows: Sequence[Row], name: str) -> float:
 
 
 def _frontier(
-    track: Track,
-    standings: Sequence[Standing],
-    bounds: Mapping[Unit, Sequence[Bound]],
-    shown: Sequence[str],
-    looks: Mapping[str, Line],
+    track: Track, outcome: Outcome, shown: Sequence[str], looks: Mapping[str, Line]
 ) -> Chart | None:
     """Return rho against the force limit, with the optimum below it."""
     scales = sorted(track.force_scales)
     if len(scales) < 2:
         return None
-    best = [float(np.mean([each.lower for each in bounds[(track.name, s)]])) for s in scales]
+    bounds = [outcome.bounds[(track.name, s)] for s in scales]
+    best = [float(np.mean([each.lower for each in b])) if b else np.nan for b in bounds]
     x = np.array(scales)
     optimum = look("optimum")
     curves = [
@@ -249,7 +228,7 @@ def _frontier(
     for policy in shown:
         there = {
             each.force_scale: each.rho
-            for each in standings
+            for each in outcome.standings
             if (each.policy, each.track) == (policy, track.name)
         }
         at = [s for s in scales if s in there]
@@ -280,12 +259,7 @@ def _frontier(
 
 
 def _distribution(
-    track: Track,
-    scale: float,
-    rows: Sequence[Row],
-    bounds: Mapping[Unit, Sequence[Bound]],
-    shown: Sequence[str],
-    looks: Mapping[str, Line],
+    track: Track, scale: float, outcome: Outcome, shown: Sequence[str], looks: Mapping[str, Line]
 ) -> Chart:
     """Return the share of held-out crossings that end below each rho."""
 
@@ -302,7 +276,7 @@ def _distribution(
 
     curves = [
         curve(
-            [each.lower for each in bounds[(track.name, scale)]],
+            [each.lower for each in outcome.bounds[(track.name, scale)]],
             "optimum",
             look("optimum").color,
             "dot",
@@ -311,7 +285,7 @@ def _distribution(
     for policy in shown:
         values = [
             row.rho
-            for row in rows
+            for row in outcome.rows
             if (row.policy, row.track, row.force_scale) == (policy, track.name, scale)
         ]
         if values:
@@ -328,16 +302,12 @@ def _distribution(
 
 
 def _histories(
-    histories: Mapping[tuple[str, str, float], History],
-    tracks: Sequence[str],
-    shown: Sequence[str],
-    looks: Mapping[str, Line],
-    period: float,
+    outcome: Outcome, shown: Sequence[str], looks: Mapping[str, Line]
 ) -> list[content.History]:
     """Thin the histories of the shown policies, on the track with the most force limits."""
+    histories, tracks = outcome.histories, [each.name for each in outcome.tracks]
+    period = 2.0 * np.pi / outcome.tracks[0].nominal.reference_frequency
     counts = {name: len({s for _, t, s in histories if t == name}) for name in tracks}
-    if not histories:
-        return []
     where = max(counts, key=lambda name: (counts[name], -tracks.index(name)))
     found: list[content.History] = []
     for scale in sorted({s for _, t, s in histories if t == where}, reverse=True):

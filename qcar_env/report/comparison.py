@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
-from qcar_env.analysis.forced_car import from_scenario, stack, sweep
 from qcar_env.analysis.harmonic_balance import balance
 from qcar_env.analysis.optimum import period_optimum
-from qcar_env.analysis.table1 import Cell
+from qcar_env.analysis.paper.forced_car import from_scenario, stack, sweep
+from qcar_env.analysis.paper.table1 import Cell
 from qcar_env.control.law import Law
-from qcar_env.evaluation.comparison import Outcome
-from qcar_env.evaluation.rollouts import Rollout
+from qcar_env.evaluation import storage
+from qcar_env.evaluation.bounds import linear_plant
+from qcar_env.evaluation.comparison import START, Comparison
+from qcar_env.evaluation.outcome import Outcome
+from qcar_env.physics.car import PaperCar
 from qcar_env.plots.style import line
 from qcar_env.report.content import Chart, Column, Curve, Report, Table, dash, history, parameters
+from qcar_env.report.page import write
 from qcar_env.scenarios import Scenario
 
 SCALES = (0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)  # of the limit, for the optimum
@@ -22,62 +28,49 @@ RESPONSE = (0.82, 1.18, 181)  # forcing frequency over the scenario's: from, to,
 HARMONICS = 3  # of the response; the third is all that the cubic law adds to 0.1 %
 
 
-def comparison(
-    scenario: Scenario,
-    outcomes: Sequence[Outcome],
-    rollouts: Mapping[str, Rollout],
-    laws: Mapping[str, Law],
-    *,
-    table1: Sequence[Cell] = (),
-    duration: float,
-    provenance: Mapping[str, str],
-) -> Report:
-    """Collect the report of a comparison.
+def page(path: Path, found: Comparison) -> Path:
+    """Write the report of a comparison's scripted policies to an .html file, and return where."""
+    learned = found.learned
+    scripted = dataclasses.replace(
+        found,
+        outcomes=tuple(each for each in found.outcomes if each.policy not in learned),
+        rollouts={name: each for name, each in found.rollouts.items() if name not in learned},
+    )
+    provenance = {
+        "command": storage.command(),
+        "start": START,
+        "gains": "; ".join(str(law) for law in found.laws.values()),
+        "versions": storage.made_with(),
+        "numbers": "table.csv and result.json beside this file",
+    }
+    return write(path, comparison(scripted, provenance))
 
-    Parameters
-    ----------
-    scenario : Scenario
-        What was crossed, with the force limit used.
-    outcomes : sequence of Outcome
-        One for each policy.
-    rollouts : mapping
-        Time histories by policy; a policy without one has no curve.
-    laws : mapping
-        Laws by policy name, for their response curves in continuous time.
-    table1 : sequence of Cell
-        The paper's Table 1, if it was made.
-    duration : float
-        Simulated time [s].
-    provenance : mapping
-        Command, versions, start: what is needed to make it again.
 
-    Returns
-    -------
-    Report
-    """
+def comparison(found: Comparison, provenance: Mapping[str, str]) -> Report:
+    """Collect the report of a comparison, with what is needed to make it again."""
+    scenario, outcomes = found.scenario, found.outcomes
     unit = scenario.actuator.unit
-    harmonic = scenario.road.profile == "harmonic"
     limits = " and ".join(f"{value:g}" for value in scenario.actuator.limit)
     tables = [_leaderboard(outcomes, unit)]
-    if table1:
-        tables.append(_paper_table(table1))
+    if found.table1:
+        tables.append(_paper_table(found.table1))
     charts: list[Chart] = []
     optimum = None
-    if harmonic:
+    if scenario.excitation.harmonic and linear_plant(scenario):
         frontier, optimum = _frontier(scenario, outcomes)
         charts.append(frontier)
-        charts += _responses(scenario, laws)
+        charts += _responses(scenario, found.laws)
     return Report(
         title=f"Comparison in the scenario {scenario.name}",
         lead=(
             f"{scenario.title}. Every policy acts each {scenario.dt * 1e3:g} ms with at most "
-            f"{limits} {unit.replace('^2', '²')}, {duration:g} s from rest."
+            f"{limits} {unit.replace('^2', '²')}, {found.duration:g} s from rest."
         ),
         findings=_findings(outcomes, optimum),
         tables=tuple(tables),
         charts=tuple(charts),
         histories=tuple(
-            history(name, each, label=line(name).label) for name, each in rollouts.items()
+            history(name, each, label=line(name).label) for name, each in found.rollouts.items()
         ),
         force_unit=unit,
         parameters=parameters(scenario),
@@ -203,12 +196,12 @@ def _frontier(scenario: Scenario, outcomes: Sequence[Outcome]) -> tuple[Chart, f
 
 def _responses(scenario: Scenario, laws: Mapping[str, Law]) -> list[Chart]:
     """Return amplitude against forcing frequency, laws in continuous time without a limit."""
-    if scenario.actuator.actuation != "independent" or (
-        scenario.force.f and scenario.force.Omega != scenario.road.omega
-    ):
+    forcing, force = scenario.excitation.omega, scenario.force
+    of_paper = isinstance(scenario.car, PaperCar) and scenario.actuator.size == 2
+    if not of_paper or (force.f and force.Omega != forcing):
         return []
     low, high, count = RESPONSE
-    omega = scenario.road.omega * np.linspace(low, high, count)
+    omega = forcing * np.linspace(low, high, count)
     found = {}
     for name, law in laws.items():
         cars = stack(list(sweep(from_scenario(scenario, law), "omega", omega)))

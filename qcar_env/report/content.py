@@ -6,15 +6,15 @@ These records know nothing of HTML; `qcar_env.report.page` writes them.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.evaluation.rollouts import Rollout
-from qcar_env.physics.car import UNITS
+from qcar_env.parts.part import UNLIMITED, Part
 from qcar_env.physics.linear import modes
 from qcar_env.plots.style import line
 from qcar_env.scenarios import Scenario
@@ -26,6 +26,7 @@ Mode = Literal["lines", "markers", "lines+markers"]
 DASHES = {"-": "solid", "--": "dash", ":": "dot", "-.": "dashdot"}
 FIRST = 3.0  # [s] of a time history that is kept sample by sample
 PERIODS = 5  # at its end that are, too
+MOST_ENTRIES = 8  # of a table of numbers that are listed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,27 +217,18 @@ def thinned(
 
 def parameters(scenario: Scenario) -> Table:
     """Return every parameter of a scenario with its symbol and unit."""
-    car, road, force, actuator = scenario.car, scenario.road, scenario.force, scenario.actuator
-    rows: list[tuple[Cell, ...]] = []
-    for name, what in CAR_WORDS.items():
-        value = getattr(car, name)
-        if value is not None:
-            rows.append((what, name, value, _raised(UNITS[name])))
-    rows.append(("road", "", road.profile, ""))
-    rows.append(("height of the hump", "h", road.h, "m"))
-    if road.omega:
-        rows.append(("its frequency", "omega", road.omega, "rad/s"))
-    if road.profile in ("hump", "train"):
-        rows.append(("time over a hump", "", road.duration, "s"))
-        rows.append(("number of humps", "", road.count, ""))
-        rows.append(("first hump at", "", road.start, "s"))
+    car, force, actuator = scenario.car, scenario.force, scenario.actuator
+    rows: list[tuple[Cell, ...]] = [*_numbers(car), ("road", "", type(scenario.road).__name__, "")]
+    rows += _numbers(scenario.road)
+    rows.append(("speed", "", scenario.speed, "m/s"))
+    if scenario.excitation.turning and scenario.excitation.omega:
+        rows.append(("frequency of the road", "omega", scenario.excitation.omega, "rad/s"))
     if force.f:
         rows.append(("external force on the body", "f", force.f, "m/s²"))
         rows.append(("its frequency", "Omega", force.Omega, "rad/s"))
-    places = ("wheel", "body") if actuator.size == 2 else ("between the masses",)
-    for place, limit in zip(places, actuator.limit, strict=True):
-        rows.append((f"force limit, {place}", "", limit, _raised(actuator.unit)))
-    for number, mode in enumerate(modes(car), start=1):
+    rows.append(("actuator", "", type(actuator).__name__, ""))
+    rows += _numbers(actuator)
+    for number, mode in enumerate(modes(car) if car.linear else (), start=1):
         rows.append((f"mode {number}, frequency", "", mode.frequency, "rad/s"))
         rows.append((f"mode {number}, damping ratio", "", mode.damping_ratio, ""))
     for symbol, mass, value in zip(
@@ -247,11 +239,9 @@ def parameters(scenario: Scenario) -> Table:
     rows.append(("RK4 steps in it", "substeps", scenario.substeps, ""))
     rows.append(("episode", "duration", scenario.duration, "s"))
     rows.append(("travel that ends it", "travel_limit", scenario.travel_limit, "A"))
-    if scenario.randomisation is not None:
-        for each in dataclasses.fields(scenario.randomisation):
-            low, high = getattr(scenario.randomisation, each.name)
-            if high > low:
-                rows.append((f"drawn: factor on {each.name}", "", f"{low:g} to {high:g}", ""))
+    for each in scenario.randomisation:
+        numbers = " ".join(f"{value:g}" for value in each.by.row[1:])
+        rows.append((f"drawn: {', '.join(each.numbers)}", type(each.by).__name__, numbers, ""))
     return Table(
         title=f"Scenario {scenario.name}",
         note=f"{scenario.title}. Source: {scenario.source}.",
@@ -265,7 +255,7 @@ def parameters(scenario: Scenario) -> Table:
     )
 
 
-CAR_WORDS: Mapping[str, str] = {
+PAPER_WORDS: Mapping[str, str] = {  # the paper's letters say nothing by themselves
     "omega1": "frequency of the wheel, body held",
     "omega2": "frequency of the body, wheel held",
     "b1": "damping of the wheel",
@@ -275,9 +265,28 @@ CAR_WORDS: Mapping[str, str] = {
     "E3": "spring coupling on the body",
     "mu1": "tyre stiffness per wheel mass",
     "mu2": "tyre damping per wheel mass",
-    "m1": "mass of the wheel",
-    "m2": "mass of the body",
 }
+
+
+def _numbers(part: Any, home: str = "") -> Iterator[tuple[Cell, ...]]:
+    """Yield a row for each number of a part, and of the parts that it is made of."""
+    for each in dataclasses.fields(part):
+        value, unit = getattr(part, each.name), each.metadata.get("unit", "")
+        if isinstance(value, Part):
+            kind = type(value).__name__
+            yield f"{each.name}", "", kind, ""
+            yield from _numbers(value, f"{home}{each.name}.")
+        elif isinstance(value, tuple):
+            for number, entry in enumerate(value[:MOST_ENTRIES], start=1):
+                yield (
+                    f"{each.metadata.get('title', '')} {number}",
+                    home + each.name,
+                    entry,
+                    _raised(unit),
+                )
+        elif isinstance(value, float) and value < UNLIMITED:
+            title = each.metadata.get("title") or PAPER_WORDS.get(each.name, each.name)
+            yield title, home + each.name, value, _raised(unit.replace("-", ""))
 
 
 def _raised(unit: str) -> str:

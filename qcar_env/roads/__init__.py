@@ -1,1 +1,10 @@
-"""Roads: height and slope over the distance, with kinks."""
+"""Roads: height and slope over the distance, with kinks.
+
+profile      what a road is, and what every finite shape is
+shapes       sine, humps, bars, steps
+train        several humps of one shape
+functions    a road from plain Python functions
+measured     a road from samples
+iso8608      random roads of the classes A to H
+enveloping   what a tyre of finite size makes of a road
+"""

@@ -11,10 +11,10 @@ from stable_baselines3 import PPO, SAC  # noqa: E402
 
 import qcar_env  # noqa: E402, F401 - registers the environment
 from agents.recipes import RECIPES  # noqa: E402
-from agents.scoring import reference, score  # noqa: E402
+from agents.scoring import reference, run  # noqa: E402
 from agents.train import train  # noqa: E402
 from agents.vec_env import QuarterCarHumpVecEnv  # noqa: E402
-from qcar_env.evaluation.tracks import TRACKS  # noqa: E402
+from qcar_env.evaluation.tracks import TRACKS, episodes  # noqa: E402
 
 pytestmark = pytest.mark.learning
 CNVC = (0.1152, 0.0547)  # amplitudes of x1, x2 in continuous time at the same limit [m]
@@ -26,7 +26,8 @@ def one_thread():
 
 
 def below_cnvc(model):
-    found = score(model, TRACKS["paper"], force_scale=1.0, count=1)
+    drawn = episodes(TRACKS["paper"], "validation", force_scale=1.0, count=1)
+    found = run(model, TRACKS["paper"], drawn)
     beside = reference("cnvc", TRACKS["paper"], 1.0)
     return np.all(found.amplitudes[0] < np.minimum(CNVC, beside.amplitudes[0]))
 

@@ -8,10 +8,16 @@ pytest.importorskip("stable_baselines3")
 
 from agents import export  # noqa: E402
 from agents.export import TOLERANCE, export_checked, largest_difference  # noqa: E402
-from agents.networks import Deterministic, FeatureMap, Features, LawNet, Schedule  # noqa: E402
+from agents.networks import (  # noqa: E402
+    Deterministic,
+    FeatureMap,
+    Features,
+    LawNet,
+    Schedule,
+    space,
+)
 from agents.recipes import RECIPES, recipe  # noqa: E402
 from agents.sb3 import SB3Trainer  # noqa: E402
-from agents.training_env import space  # noqa: E402
 
 LIMITS = (0.1, 0.25, 0.5, 0.75, 1.0)
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from qcar_env.analysis.forced_car import ForcedCar
+from qcar_env.analysis.paper.forced_car import ForcedCar
 from qcar_env.scenarios import scenario
 
 
@@ -10,4 +10,6 @@ from qcar_env.scenarios import scenario
 def paper() -> ForcedCar:
     """Return the calibrated worst case without control."""
     preset = scenario("paper")
-    return ForcedCar(car=preset.car, h=preset.road.h, f=preset.force.f, omega=preset.road.omega)
+    return ForcedCar(
+        car=preset.car, h=preset.excitation.h, f=preset.force.f, omega=preset.excitation.omega
+    )

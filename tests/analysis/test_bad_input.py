@@ -6,22 +6,26 @@ import math
 import numpy as np
 import pytest
 
-from qcar_env.analysis import calibration, continuation
-from qcar_env.analysis.averaging import average_force, slow_motion
+from qcar_env.analysis import continuation
 from qcar_env.analysis.chaos import largest_lyapunov_exponent, poincare_section
-from qcar_env.analysis.forced_car import stack, sweep
-from qcar_env.analysis.frequency_response import response, solutions
-from qcar_env.analysis.hardening import Hardening
 from qcar_env.analysis.harmonic_balance import HarmonicBalance, balance
-from qcar_env.analysis.paper_experiments import (
+from qcar_env.analysis.paper import calibration
+from qcar_env.analysis.paper.averaging import slow_motion
+from qcar_env.analysis.paper.describing_functions import average_force
+from qcar_env.analysis.paper.experiments import (
     EFFECTS,
     folded_response,
     parameter_effect,
     trends,
 )
-from qcar_env.analysis.parameter_study import cases, response_curves
+from qcar_env.analysis.paper.fixed_points import solutions
+from qcar_env.analysis.paper.forced_car import stack, sweep
+from qcar_env.analysis.paper.frequency_response import response
+from qcar_env.analysis.paper.hardening import Hardening
+from qcar_env.analysis.paper.parameter_study import cases, response_curves
+from qcar_env.analysis.paper.routh_hurwitz import routh_hurwitz
+from qcar_env.analysis.paper.stability import first_loss, stability_map
 from qcar_env.analysis.periodic_orbit import flow_map, orbit_states, periodic_orbits
-from qcar_env.analysis.stability import first_loss, routh_hurwitz, stability_map
 from qcar_env.control import CNVC
 
 NO_NUMBER = [None, "1", math.nan, math.inf, 10**400, np.ones(2)]

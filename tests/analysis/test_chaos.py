@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from qcar_env.analysis.chaos import largest_lyapunov_exponent, poincare_section
-from qcar_env.analysis.forced_car import stack
+from qcar_env.analysis.paper.forced_car import stack
 from qcar_env.physics import linear
 
 

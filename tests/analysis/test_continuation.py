@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from qcar_env.analysis.averaging import numerical_jacobian
 from qcar_env.analysis.continuation import Equations, follow
 from qcar_env.analysis.harmonic_balance import HarmonicBalance
+from qcar_env.analysis.newton import numerical_jacobian
 
 DELTA, ALPHA, F = 0.1, 1.0, 0.3  # x'' + DELTA x' + x + ALPHA x^3 = F cos(w t)
 

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from qcar_env.analysis.forced_car import stack, sweep
-from qcar_env.analysis.frequency_response import balanced_start
 from qcar_env.analysis.harmonic_balance import HarmonicBalance, balance
 from qcar_env.analysis.newton import newton
+from qcar_env.analysis.paper.fixed_points import balanced_start
+from qcar_env.analysis.paper.forced_car import stack, sweep
 from qcar_env.analysis.periodic_orbit import flow_map, periodic_orbits
 from qcar_env.analysis.simulate import simulate
 from qcar_env.control import CNVC, LNVC, NDF, PD, PPF, Passive

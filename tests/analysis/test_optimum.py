@@ -6,17 +6,22 @@ import time
 import numpy as np
 import pytest
 
-from qcar_env.analysis.optimum import crossing_optimum, period_optimum
+from qcar_env.analysis.optimum import episode_optimum, period_optimum
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
-from qcar_env.physics import linear, roads
+from qcar_env.parts.actuator import LaggedSuspensionActuator, SuspensionActuator
+from qcar_env.parts.spring import CubicSpring
+from qcar_env.physics import linear
 from qcar_env.physics.external_force import ExternalForce
-from qcar_env.scenarios import SCENARIOS, Actuator, scenario
+from qcar_env.roads import excitation as roads
+from qcar_env.roads.functions import FunctionRoad
+from qcar_env.scenarios import SCENARIOS, scenario
 
 PAPER = scenario("paper")
 CAR = dataclasses.replace(  # one actuator in newtons, on an endless road
     scenario("mathworks-hump"),
-    road=roads.harmonic(h=0.05, omega=20.0),
-    actuator=Actuator(actuation="suspension", limit=(800.0,)),
+    road=roads.harmonic(h=0.05, omega=20.0).road,
+    speed=1.0,
+    actuator=SuspensionActuator(limit=800.0),
 )
 
 
@@ -24,17 +29,22 @@ def limited(scale):
     return PAPER.with_force_scale(scale)
 
 
+def push_of(case):
+    """Specific forces [m/s^2] at action 1, (2, m)."""
+    limit = case.actuator.limit
+    if len(limit) == 2:
+        return np.diag(limit)
+    return np.array([[-limit[0] / case.car.m1], [limit[0] / case.car.m2]])
+
+
 def steady(case, forces, holds, parts):
     """Displacements of the periodic motion under held forces, by plain linear algebra.
 
     `forces` (count, holds, m) over their limits; returns (count, holds * parts, 2) over A.
     """
-    dt = 2.0 * np.pi / case.road.omega / (holds * parts)
+    dt = 2.0 * np.pi / case.excitation.omega / (holds * parts)
     a, b = linear.held_transition(case.car, dt)
-    push = np.diag(case.actuator.specific_limits(case.car))
-    if case.actuator.size == 1:
-        push = push.sum(axis=1, keepdims=True)
-    b = b @ push
+    b = b @ push_of(case)
     u = np.repeat(forces, parts, axis=1)
     n = holds * parts
     # x_0 = (I - A^n)^-1 sum A^(n - 1 - k) B u_k; the uncontrolled motion is added.
@@ -42,7 +52,7 @@ def steady(case, forces, holds, parts):
     for k in range(n):
         x = x @ a.T + u[:, k] @ b.T
     x = np.linalg.solve(np.eye(4) - np.linalg.matrix_power(a, n), x.T).T
-    free = linear.steady_state(case.car, case.road, case.force)
+    free = linear.steady_state(case.car, case.excitation, case.force)
     found = np.empty((len(forces), n, 2))
     for k in range(n):
         found[:, k] = (x + free.state(k * dt))[:, :2]
@@ -180,14 +190,16 @@ def test_no_common_period_and_no_period_are_refused():
     other = dataclasses.replace(PAPER, force=ExternalForce(f=1.0, Omega=55.0 * np.pi))
     with pytest.raises(ValueError, match="must share a period"):
         period_optimum(other)
-    with pytest.raises(ValueError, match="needs a harmonic road, got 'hump'; use crossing_optimum"):
+    with pytest.raises(
+        ValueError, match="needs a harmonic road, got a HalfSine; use episode_optimum"
+    ):
         period_optimum("paper-hump")
 
 
 @pytest.mark.parametrize("name", ["paper-hump", "mathworks-hump", "mathworks-train"])
-def test_the_environment_confirms_the_force_of_a_crossing(name):
+def test_the_environment_confirms_the_force_of_an_episode(name):
     case = scenario(name)
-    found = crossing_optimum(case, duration=1.5)
+    found = episode_optimum(case, duration=1.5)
     env = QuarterCarHumpEnv(case, duration=1.5)
     env.reset(seed=0, options={"state": np.zeros(4)})
     times = found.t[0] + case.dt * np.arange(300)
@@ -202,47 +214,98 @@ def test_the_environment_confirms_the_force_of_a_crossing(name):
     assert np.all(np.abs(np.array(states) - expected) <= atol)
 
 
-def test_a_crossing_is_bounded_and_knowing_more_time_helps():
+def test_an_episode_is_bounded_and_knowing_more_time_helps():
     case = scenario("mathworks-hump")
-    found = crossing_optimum(case, duration=2.0)
+    found = episode_optimum(case, duration=2.0)
     assert found.gap < 1e-6
     assert found.bound <= found.upper
-    assert found.upper < 1.0  # the uncontrolled crossing
-    body = crossing_optimum(case, duration=2.0, weights=(0.0, 1.0))
+    assert found.upper < 1.0  # the uncontrolled episode
+    body = episode_optimum(case, duration=2.0, weights=(0.0, 1.0))
     assert body.upper < 0.05  # a suspension actuator can all but still the body
-    late = crossing_optimum(case, duration=2.0, after=1.5)
+    late = episode_optimum(case, duration=2.0, after=1.5)
     assert late.value < found.value
 
 
-def test_brute_force_over_a_short_crossing_finds_nothing_better():
+def test_brute_force_over_a_short_episode_finds_nothing_better():
     case = CAR
     levels = np.linspace(-1.0, 1.0, 21)
     forces = np.array(list(itertools.product(levels, repeat=4)))
     start = np.array([0.02, 0.03, 0.0, -0.5])
-    found = crossing_optimum(case, state=start, duration=0.2, dt=0.05, inside=2)
-    step = linear.exact_transition(case.car, case.road, case.force, 0.025)
-    push = np.array(case.actuator.specific_limits(case.car))
+    found = episode_optimum(case, state=start, duration=0.2, dt=0.05, inside=2)
+    step = linear.exact_transition(case.car, case.excitation, case.force, 0.025)
+    push = push_of(case)[:, 0]
     x = np.tile(start, (len(forces), 1))
     worst = np.zeros(len(forces))
     for k in range(8):
-        on_road = case.road.phasor(0.025 * k)
+        angle = case.excitation.omega * 0.025 * k
         x = x @ step.A.T + forces[:, k // 2, np.newaxis] * (step.B @ push)
-        x = x + step.road @ np.array(on_road)
+        x = x + step.road @ np.array([math.sin(angle), math.cos(angle)])
         worst = np.maximum(worst, np.abs(x[:, :2] / case.reference_amplitudes).max(axis=1))
     assert found.value <= worst.min() + 1e-9
     assert worst.min() <= found.value + 0.02  # levels 0.1 apart
     assert found.bound <= found.value
 
 
-def test_a_long_crossing_comes_near_the_periodic_optimum_from_below():
+def test_a_road_that_is_read_has_the_optimum_of_the_same_road_that_turns():
+    turning = scenario("mathworks-hump")
+    k = math.pi / 3.0
+
+    def height(s):
+        return 0.1 * math.sin(k * (s - 1.5)) if 1.5 <= s < 4.5 else 0.0
+
+    def slope(s):
+        return 0.1 * k * math.cos(k * (s - 1.5)) if 1.5 <= s < 4.5 else 0.0
+
+    road = FunctionRoad(profile=height, gradient=slope, kinks_at=(1.5, 4.5))
+    read = dataclasses.replace(turning, road=road)
+    scales = turning.reference_amplitudes
+    one, other = (episode_optimum(each, duration=2.0) for each in (turning, read))
+    assert read.reference_amplitudes == pytest.approx(scales, rel=1e-9)
+    assert other.value == pytest.approx(one.value, rel=1e-6)
+    assert other.bound == pytest.approx(one.bound, rel=1e-6, abs=1e-9)
+
+
+def test_a_jump_of_the_road_throws_the_wheel_of_a_damped_tyre():
+    """With hardly any force the motion is that of a simulation from the jump on."""
+    car = PAPER.car
+    rises = dataclasses.replace(
+        PAPER, road=roads.step(h=0.1, start=0.0123).road, speed=1.0
+    ).with_force_scale(1e-9)
+    found = episode_optimum(rises, duration=0.5)
+    exact = linear.exact_transition(car, roads.step(h=0.1), PAPER.force, 0.0123)
+    x = exact.force @ [0.0, 1.0]
+    x[2] += car.mu2 * 0.1
+    rest = linear.exact_transition(car, roads.step(h=0.1), PAPER.force, 0.5 - 0.0123)
+    angle = 55.0 * 0.0123
+    x = rest.A @ x + rest.road @ [1.0, 0.0] + rest.force @ [math.sin(angle), math.cos(angle)]
+    np.testing.assert_allclose(found.x[-1], x, atol=1e-6 * np.abs(x).max())
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"actuator": LaggedSuspensionActuator(limit=1.0, lag=0.1)}, "actuator must be linear"),
+        ({"actuator": SuspensionActuator(limit=1.0, delay=0.01)}, "actuator must be linear"),
+        (
+            {"car": dataclasses.replace(CAR.car, spring=CubicSpring(k=16e3, k3=1e6))},
+            "the car must be linear, got",
+        ),
+    ],
+)
+def test_a_plant_that_is_not_linear_is_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        period_optimum(dataclasses.replace(CAR, **change))
+
+
+def test_a_long_episode_comes_near_the_periodic_optimum_from_below():
     periodic = period_optimum(limited(0.5))
-    free = linear.steady_state(PAPER.car, PAPER.road, PAPER.force)
-    crossing = crossing_optimum(
+    free = linear.steady_state(PAPER.car, PAPER.excitation, PAPER.force)
+    episode = episode_optimum(
         limited(0.5), state=periodic.x[0], duration=10 * 2 * np.pi / 55, dt=2 * np.pi / 55 / 64
     )
     # It may follow the periodic force, and it need not come back to where it began.
-    assert crossing.value <= periodic.upper
-    uncontrolled = crossing_optimum(limited(1e-6), state=free.state(0.0), duration=1.0)
+    assert episode.value <= periodic.upper
+    uncontrolled = episode_optimum(limited(1e-6), state=free.state(0.0), duration=1.0)
     assert uncontrolled.value == pytest.approx(1.0, abs=2e-3)  # a node within 0.06 rad of each peak
 
 
@@ -265,7 +328,7 @@ def test_speed():
 def test_speed_of_two_thousand_steps(scale):
     for work in (
         lambda: period_optimum(limited(scale), samples=2000),
-        lambda: crossing_optimum(
+        lambda: episode_optimum(
             SCENARIOS["paper-hump"].with_force_scale(scale), duration=10.0, dt=0.005
         ),
     ):
@@ -313,6 +376,6 @@ def test_bad_arguments(arguments, message):
         ({"duration": 1.0, "after": 1.0}, "after must be below the duration"),
     ],
 )
-def test_bad_arguments_of_a_crossing(arguments, message):
+def test_bad_arguments_of_an_episode(arguments, message):
     with pytest.raises(ValueError, match=message):
-        crossing_optimum("paper-hump", **arguments)
+        episode_optimum("paper-hump", **arguments)

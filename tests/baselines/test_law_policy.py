@@ -1,5 +1,7 @@
 """A law as a policy: its filter between samples, its memory, its force, and SB3's evaluator."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -7,19 +9,21 @@ from scipy.integrate import solve_ivp
 
 from baselines import catalogue
 from baselines.law_policy import LawPolicy, filter_matrices, first_order_hold
+from baselines.observation import scales_of
 from qcar_env import scenario
 from qcar_env.control import CNVC, LAWS, LNVC, NDF, PD, PPF
-from qcar_env.envs import task
+from qcar_env.control.skyhook import Skyhook
+from qcar_env.envs import episode as task
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.evaluation import metrics
 from qcar_env.evaluation.rollouts import rollout
-from qcar_env.physics.closed_loop import REST
+from qcar_env.evaluation.tracks import stated
+from qcar_env.parts.actuator import LaggedSemiActiveDamper, SemiActiveDamper
 from qcar_env.physics.state import Filter, State
 
 PAPER = scenario("paper")
 HUMP = scenario("mathworks-hump")
-SCALES = task.scales(PAPER)
-UNIT = np.array([SCALES.x1, SCALES.x2, SCALES.v1, SCALES.v2])
+UNIT, HUMP_UNIT = (1.0 / scales_of(each, "feedback") for each in (PAPER, HUMP))
 WITH_FILTER = [NDF(), PPF(), NDF(omega_f1=20.0, zeta2=1.5), PPF(omega_f2=90.0, zeta1=0.7)]
 
 
@@ -52,7 +56,7 @@ def test_the_filter_is_exact_for_an_input_that_runs_straight_between_samples(law
 
             def rate(t, flat, before=x[k - 1], now=x[k]):
                 along = before + (now - before) * (t / dt)
-                moved = law.filter_rate(State(*along.T), Filter(*flat.reshape(3, 4).T), law.gains)
+                moved = law.filter_rate(State(*along.T), Filter(*flat.reshape(3, 4).T), law.numbers)
                 return np.array(moved).T.ravel()
 
             solved = solve_ivp(rate, (0, dt), eta.ravel(), "DOP853", rtol=1e-12, atol=1e-13)
@@ -60,7 +64,7 @@ def test_the_filter_is_exact_for_an_input_that_runs_straight_between_samples(law
         # 1e-12 that DOP853 is asked for, of rates up to omega_f * 10 m/s, over a dozen samples
         assert found == pytest.approx(eta, abs=1e-9)
         assert last == pytest.approx(x[k], rel=1e-14)
-        u = np.array(law.command(State(*x[k].T), Filter(*eta.T), law.gains)).T
+        u = np.array(law.command(State(*x[k].T), Filter(*eta.T), law.numbers)).T
         expected = np.clip(u / PAPER.actuator.limit, -1.0, 1.0)
         assert action == pytest.approx(expected, abs=1e-6)  # float32
 
@@ -79,7 +83,7 @@ def test_the_matrices_are_the_filters():
     law, rng = NDF(zeta1=0.4), np.random.default_rng(2)
     x, eta = State(*rng.normal(size=4)), Filter(*rng.normal(size=4))
     F, G = filter_matrices(law)
-    expected = np.array(law.filter_rate(x, eta, law.gains))
+    expected = np.array(law.filter_rate(x, eta, law.numbers))
     # a few products in another order, of terms up to omega_f^2 = 3025
     assert F @ np.array(eta) + G @ np.array(x) == pytest.approx(expected, abs=1e-11)
 
@@ -155,18 +159,60 @@ def test_predicting_changes_no_memory_that_it_was_given():
 def test_the_force_is_the_laws_over_the_limit(x):
     law = LNVC(G1=5.0, G2=1.0)
     action, _ = LawPolicy(law, PAPER).predict(np.array(x) * UNIT)
-    u = np.array(law.command(x, REST, law.gains)) / PAPER.actuator.limit
+    u = np.array(law.command(x, law.at_rest, law.numbers)) / PAPER.actuator.limit
     assert action == pytest.approx(np.clip(u, -1.0, 1.0), abs=1e-6)  # float32
 
 
 @given(x=st.from_type(State))
-def test_a_suspension_actuator_realises_the_force_on_the_body(x):
-    law, scales = LNVC(G1=5.0, G2=1.0), task.scales(HUMP)
-    unit = np.array([scales.x1, scales.x2, scales.v1, scales.v2])
-    action, _ = LawPolicy(law, HUMP).predict(np.array(x) * unit)
-    expected = np.clip(-1.0 * x.v2 * HUMP.car.m2 / HUMP.actuator.limit[0], -1.0, 1.0)
+def test_a_suspension_actuator_realises_what_both_masses_ask_for(x):
+    action, _ = LawPolicy(LNVC(G1=5.0, G2=1.0), HUMP).predict(np.array(x) * HUMP_UNIT)
+    F = -1.0 * x.v2 * HUMP.car.m2 + 5.0 * x.v1 * HUMP.car.m1  # m2 u2 - m1 u1
     assert action.shape == (1,)
-    assert action[0] == pytest.approx(expected, abs=1e-6)  # float32
+    assert action[0] == pytest.approx(np.clip(F / HUMP.actuator.limit[0], -1.0, 1.0), abs=1e-6)
+
+
+DAMPERS = (
+    SemiActiveDamper(c_min=200.0, c_max=3_000.0),
+    LaggedSemiActiveDamper(c_min=200.0, c_max=3_000.0, lag=0.01),
+)
+
+
+@pytest.mark.parametrize("damper", DAMPERS)
+@given(x=st.from_type(State))
+def test_a_semi_active_damper_gives_what_it_can_of_the_force(damper, x):
+    damped = dataclasses.replace(HUMP, actuator=damper, scales=stated(HUMP))
+    action, _ = LawPolicy(Skyhook(G=5.0), damped).predict(np.array(x) * HUMP_UNIT)
+    seen = State(*(np.array(x) * HUMP_UNIT / HUMP_UNIT))
+    travel_rate = seen.v2 - seen.v1
+    c = 1_600.0 + 1_400.0 * float(action[0])
+    F = -c * travel_rate
+    asked = -5.0 * seen.v2 * HUMP.car.m2
+    # The nearest to what is asked for of all that a damping in the range can give.
+    low, high = sorted((-200.0 * travel_rate, -3_000.0 * travel_rate))
+    nearest = np.clip(asked, low, high)
+    assert pytest.approx(nearest, rel=1e-4, abs=1e-4 * abs(travel_rate) * 3_000.0) == F
+    assert F * travel_rate <= 0.0  # takes energy out
+
+
+def test_a_skyhook_through_a_damper_calms_the_body():
+    """Karnopp's switched damper: better than the same damper held at its middle."""
+    damped = dataclasses.replace(HUMP, actuator=DAMPERS[0])
+    held, switched = (
+        rollout(LawPolicy(law, damped), damped, signals=["body_acceleration"])
+        for law in (Skyhook(G=0.0), Skyhook(G=20.0))
+    )
+    assert np.abs(switched.x2).max() < np.abs(held.x2).max()
+
+
+def test_laws_side_by_side_are_each_of_them_alone():
+    laws = [PPF(G1=gain, G2=2.0 * gain) for gain in (1.0, 10.0, 30.0)]
+    numbers = type(laws[0].numbers)(*np.array([law.numbers for law in laws]).T)
+    x = motion(9, samples=4, cars=3)
+    many = follow(LawPolicy(laws[0], PAPER, numbers=numbers), x)
+    for car, law in enumerate(laws):
+        one = follow(LawPolicy(law, PAPER), x[:, car : car + 1])
+        for (action, _), (alone, _) in zip(many, one, strict=True):
+            assert action[car : car + 1] == pytest.approx(alone, abs=1e-6)  # float32
 
 
 @pytest.mark.parametrize("name", list(LAWS))
@@ -243,7 +289,7 @@ def test_an_observation_that_is_too_short_is_refused(size):
 
 @pytest.mark.parametrize("law", [None, "cnvc", LNVC])
 def test_what_is_no_law_is_refused(law):
-    with pytest.raises(ValueError, match=r"law must be a law with its gains, got .*; give an inst"):
+    with pytest.raises(ValueError, match=r"law must be a control law, got .*; give one of"):
         LawPolicy(law, PAPER)
 
 

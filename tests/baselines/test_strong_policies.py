@@ -1,24 +1,27 @@
-"""LQR, internal model and MPC through the environment's exact map, and what they read."""
+"""LQR, internal model and MPC in the fleet, and what they read."""
 
+import dataclasses
 import time
 
 import numpy as np
 import pytest
 
-from baselines import catalogue
+from baselines import catalogue, mpc_policy
 from baselines.linear_policy import LinearPolicy
 from qcar_env import scenario
 from qcar_env.analysis.optimum import period_optimum
-from qcar_env.evaluation.batch_rollouts import batch_rollout, steady_rho
-from qcar_env.evaluation.tracks import episodes, track
+from qcar_env.evaluation.rollouts import rollouts
+from qcar_env.evaluation.tracks import episodes, stated, track
+from qcar_env.parts.actuator import SemiActiveDamper
+from qcar_env.parts.spring import CubicSpring
 
 BUDGET = track("budget")
 
 
 def left(policy, scale, *, duration=60.0, count=1):
     cases = episodes(BUDGET, "validation", force_scale=scale, count=count)
-    rolled = batch_rollout(policy, cases, duration=duration, observe=policy.reads)
-    return steady_rho(rolled, 20).max()
+    rolled = rollouts(policy, cases, duration=duration, observe=policy.reads)
+    return rolled.rho(20).max()
 
 
 @pytest.mark.parametrize("name", ["lqr-model", "lqr-feedforward"])
@@ -43,9 +46,9 @@ def test_mpc_comes_within_five_percent_of_the_optimum_at_the_other_limits(scale)
 def test_mpc_is_faster_than_real_time():
     policy = catalogue.make("mpc", BUDGET.at(0.5))
     cases = episodes(BUDGET, force_scale=0.5, count=1)
-    batch_rollout(policy, cases, duration=0.1)
+    rollouts(policy, cases, duration=0.1)
     begin = time.process_time()
-    batch_rollout(policy, cases, duration=2.0)
+    rollouts(policy, cases, duration=2.0)
     assert time.process_time() - begin < 2.0  # 200 Hz: 2 s of driving
 
 
@@ -78,8 +81,8 @@ def test_a_batch_is_its_cars_one_by_one():
     cases = episodes(BUDGET, force_scale=0.5, count=3)
     for name in ("lqr-model", "mpc"):
         policy = catalogue.make(name, BUDGET.at(0.5))
-        together = batch_rollout(policy, cases, duration=0.5)
-        alone = [batch_rollout(policy, [each], duration=0.5).x[:, 0] for each in cases]
+        together = rollouts(policy, cases, duration=0.5)
+        alone = [rollouts(policy, [each], duration=0.5).x[:, 0] for each in cases]
         # OSQP stops all programs of a batch together: they agree to its tolerance, 1e-4 of a limit.
         atol = 1e-6 if name != "mpc" else 5e-3
         np.testing.assert_allclose(together.x[:, :, :2], np.stack(alone, 1)[:, :, :2], atol=atol)
@@ -139,6 +142,20 @@ def test_no_cars_get_no_actions(name):
     actions, memory = policy.predict(nobody, episode_start=np.ones(0, dtype=bool))
     assert actions.shape == (0, 2)
     assert policy.predict(nobody, memory, np.zeros(0, dtype=bool))[0].dtype == np.float32
+
+
+@pytest.mark.parametrize("name", ["lqr", "lqr-feedforward", "lqr-model", "mpc"])
+@pytest.mark.parametrize("part", ["car", "actuator"])
+def test_a_plant_that_is_not_linear_is_refused_by_name(name, part, monkeypatch):
+    monkeypatch.setattr(mpc_policy, "period_optimum", None)  # before any work
+    hump = scenario("mathworks-hump")
+    spring = CubicSpring(k=16_000.0, k3=2e6)
+    damper = SemiActiveDamper(c_min=200.0, c_max=3_000.0)
+    change = {"car": dataclasses.replace(hump.car, spring=spring), "actuator": damper}[part]
+    other = dataclasses.replace(hump, scales=stated(hump), **{part: change})
+    two = "an actuator on each mass, got" if name in ("lqr-feedforward", "lqr-model") else part
+    with pytest.raises(ValueError, match=f"{part} must be linear|{two}"):
+        catalogue.make(name, other)
 
 
 @pytest.mark.parametrize("name", ["lqr-feedforward", "lqr-model"])

@@ -12,16 +12,18 @@ from qcar_env.control import CNVC, LAWS, LNVC, NDF, PD, PPF, Passive
 from qcar_env.control.law import Law
 from qcar_env.control.lqr import Weights
 from qcar_env.control.skyhook import Groundhook, Hybrid, Skyhook
-from qcar_env.physics import closed_loop, linear
-from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.closed_loop import REST, ControlledState, Limits, saturate
-from qcar_env.physics.dynamics import Forcing
+from qcar_env.parts.part import UNLIMITED, Nothing, clamp
+from qcar_env.parts.spring import CubicSpring
+from qcar_env.physics import linear, tree
+from qcar_env.physics.car import PAPER_FUNCTIONS, REST, PaperCar, QuarterCar, RoadForce
+from qcar_env.physics.closed_loop import ControlledState, Limits, LoopNumbers, loop_functions
+from qcar_env.physics.motion import Input
 from qcar_env.physics.state import Filter, State
 
-PAPER = QuarterCar(
+PAPER = PaperCar(
     omega1=55.0, omega2=55.0, b1=8.7, b2=0.71, E1=0.5, E2=3.4, E3=0.5, mu1=2510.0, mu2=16.0
 )
-STILL = Forcing(0.0, 0.0)
+NONE = Nothing()
 gain = st.floats(0.0, 200.0, allow_subnormal=False)
 frequency = st.floats(1.0, 200.0)
 ratio = st.floats(0.01, 3.0)
@@ -33,25 +35,32 @@ ppf = st.builds(
 )
 
 
-def closed_loop_matrix(law: Law, car: QuarterCar) -> np.ndarray:
-    """Return the matrix of plant and filter (8, 8) under a linear law, column by column."""
-    columns = []
-    for unit in np.eye(8):
-        state = ControlledState(State(*unit[:4]), Filter(*unit[4:]))
-        rate = law.filter_rate or closed_loop.no_filter
-        moved = closed_loop.controlled_rate(state, STILL, law.command, rate, law.gains, car)
-        columns.append([*moved.plant, *moved.filter])
+def rate(law, car, x, limits=None, input=None):
+    """Return the rate of car and filter at a state, on a road at rest if `input` is left out."""
+    functions = car.functions
+    ready = functions.prepare(car.numbers)
+    loop = loop_functions(functions, law.functions, limited=limits is not None)
+    still = Input(functions.road_input(0.0, 0.0, ready), 0.0)
+    p = LoopNumbers(ready, law.numbers, limits if limits else NONE)
+    return loop.rate(x, input or still, None, p)
+
+
+def closed_loop_matrix(law, car) -> np.ndarray:
+    """Return the matrix of plant and filter under a linear law, column by column."""
+    like = ControlledState(REST, law.at_rest)
+    units = np.eye(len(tree.flat(like)))
+    columns = [tree.flat(rate(law, car, tree.unflat(like, unit))) for unit in units]
     return np.array(columns, dtype=float).T
 
 
 def transfer(law: Law, omega: float) -> np.ndarray:
     """Return from velocity to force of each mass at `omega`, with positions v / (i omega)."""
     unit, none = np.eye(4), np.zeros((4, 4))
-    F = np.array(law.filter_rate(State(*none), Filter(*unit), law.gains))
-    G = np.array(law.filter_rate(State(*unit), Filter(*none), law.gains))
+    F = np.array(law.filter_rate(State(*none), Filter(*unit), law.numbers))
+    G = np.array(law.filter_rate(State(*unit), Filter(*none), law.numbers))
     into = np.array([[1 / (1j * omega), 0], [0, 1 / (1j * omega)], [1, 0], [0, 1]])
     eta = np.linalg.solve(1j * omega * np.eye(4) - F, G @ into)
-    return np.diag(np.array(law.command(State(*(0j,) * 4), Filter(*eta), law.gains)))
+    return np.diag(np.array(law.command(State(*(0j,) * 4), Filter(*eta), law.numbers)))
 
 
 # Formulas ---------------------------------------------------------------------------------------
@@ -69,26 +78,26 @@ def test_velocity_laws_are_the_papers_formulas(G1, G2, x):
     cubic, straight = CNVC(G1=G1, G2=G2), LNVC(G1=G1, G2=G2)
     # three products in another order
     expected = (-G1 * x.v1**3, -G2 * x.v2**3)
-    assert cubic.command(x, REST, cubic.gains) == pytest.approx(expected, rel=1e-15)
-    assert straight.command(x, REST, straight.gains) == (-G1 * x.v1, -G2 * x.v2)
+    assert cubic.command(x, NONE, cubic.numbers) == pytest.approx(expected, rel=1e-15)
+    assert straight.command(x, NONE, straight.numbers) == (-G1 * x.v1, -G2 * x.v2)
 
 
 @given(p1=gain, p2=gain, d1=gain, d2=gain, x=st.from_type(State))
 def test_pd_is_a_spring_and_a_damper(p1, p2, d1, d2, x):
     law = PD(p1=p1, p2=p2, d1=d1, d2=d2)
     expected = (-(p1 * x.x1 + d1 * x.v1), -(p2 * x.x2 + d2 * x.v2))
-    assert law.command(x, REST, law.gains) == expected
+    assert law.command(x, NONE, law.numbers) == expected
 
 
 @given(...)
 def test_no_control_is_no_force(x: State):
     law = Passive()
-    assert law.command(x, REST, law.gains) == (0.0, 0.0)
+    assert law.command(x, NONE, law.numbers) == (0.0, 0.0)
 
 
 @given(law=ppf, x=st.from_type(State), eta=st.from_type(Filter))
 def test_ppf_is_fanson_and_caugheys_filter(law, x, eta):
-    rate = law.filter_rate(x, eta, law.gains)
+    rate = law.filter_rate(x, eta, law.numbers)
     assert (rate.eta1, rate.eta2) == (eta.eta1_dot, eta.eta2_dot)
     for w, zeta, position, e, de, dde in (
         (law.omega_f1, law.zeta1, x.x1, eta.eta1, eta.eta1_dot, rate.eta1_dot),
@@ -98,12 +107,12 @@ def test_ppf_is_fanson_and_caugheys_filter(law, x, eta):
         assert sum(terms) == pytest.approx(
             0.0, abs=4e-15 * sum(map(abs, terms)) + 1e-300
         )  # roundings
-    assert law.command(x, eta, law.gains) == (law.G1 * eta.eta1, law.G2 * eta.eta2)
+    assert law.command(x, eta, law.numbers) == (law.G1 * eta.eta1, law.G2 * eta.eta2)
 
 
 @given(law=ndf, x=st.from_type(State), eta=st.from_type(Filter))
 def test_ndf_is_a_band_passed_velocity(law, x, eta):
-    rate = law.filter_rate(x, eta, law.gains)
+    rate = law.filter_rate(x, eta, law.numbers)
     assert (rate.eta1, rate.eta2) == (eta.eta1_dot, eta.eta2_dot)
     for w, zeta, velocity, e, de, dde in (
         (law.omega_f1, law.zeta1, x.v1, eta.eta1, eta.eta1_dot, rate.eta1_dot),
@@ -113,7 +122,7 @@ def test_ndf_is_a_band_passed_velocity(law, x, eta):
         assert sum(terms) == pytest.approx(
             0.0, abs=4e-15 * sum(map(abs, terms)) + 1e-300
         )  # roundings
-    assert law.command(x, eta, law.gains) == (-law.G1 * eta.eta1_dot, -law.G2 * eta.eta2_dot)
+    assert law.command(x, eta, law.numbers) == (-law.G1 * eta.eta1_dot, -law.G2 * eta.eta2_dot)
 
 
 # Energy -----------------------------------------------------------------------------------------
@@ -122,7 +131,7 @@ def test_ndf_is_a_band_passed_velocity(law, x, eta):
 @given(G1=gain, G2=gain, x=st.from_type(State), law=st.sampled_from([CNVC, LNVC]))
 def test_velocity_laws_take_energy_out_of_each_mass(law, G1, G2, x):
     law = law(G1=G1, G2=G2)
-    u1, u2 = law.command(x, REST, law.gains)
+    u1, u2 = law.command(x, NONE, law.numbers)
     assert u1 * x.v1 <= 0.0
     assert u2 * x.v2 <= 0.0
 
@@ -133,8 +142,8 @@ def test_ndf_takes_out_what_its_filter_does_not_store(law, x, eta):
 
     So over any motion from rest to rest the law has done negative work.
     """
-    u = law.command(x, eta, law.gains)
-    rate = law.filter_rate(x, eta, law.gains)
+    u = law.command(x, eta, law.numbers)
+    rate = law.filter_rate(x, eta, law.numbers)
     for G, w, zeta, force, v, e, de, dde in (
         (law.G1, law.omega_f1, law.zeta1, u[0], x.v1, eta.eta1, eta.eta1_dot, rate.eta1_dot),
         (law.G2, law.omega_f2, law.zeta2, u[1], x.v2, eta.eta2, eta.eta2_dot, rate.eta2_dot),
@@ -176,12 +185,11 @@ def test_ppf_at_its_frequency_is_velocity_feedback_too(G, omega_f, zeta):
 def test_the_papers_gains_leave_the_papers_car_stable(law):
     law.check(PAPER)
     poles = np.linalg.eigvals(closed_loop_matrix(law, PAPER))
-    poles = poles[np.abs(poles) > 1e-9]  # a law without a filter leaves its four states at rest
     assert np.max(poles.real) < 0.0
 
 
 @given(
-    car=st.from_type(QuarterCar),
+    car=st.from_type(PaperCar),
     share1=st.floats(0.0, 0.95),
     zeta=st.floats(0.1, 3.0),
     omega_f=st.floats(10.0, 100.0),
@@ -226,7 +234,7 @@ def test_without_coupling_the_limit_is_the_literatures():
             PPF(**{name: 3025.0}).check(alone)
 
 
-@given(car=st.from_type(QuarterCar), over=st.floats(1.001, 10.0))
+@given(car=st.from_type(PaperCar), over=st.floats(1.001, 10.0))
 def test_a_negative_proportional_gain_has_the_same_limit(car, over):
     assume(car.E1 * car.E3 < 0.9 * car.omega1**2 * car.omega2**2)
     limit = car.omega2**2 - car.E1 * car.E3 / car.omega1**2
@@ -235,12 +243,27 @@ def test_a_negative_proportional_gain_has_the_same_limit(car, over):
         PD(p1=0.0, p2=-over * limit).check(car)
 
 
+def test_a_car_that_is_not_linear_has_the_limit_of_its_stiffness_at_rest():
+    linear_car = QuarterCar.from_physical(60.0, 300.0, 190e3, 16e3, 100.0, 1e3)
+    hardening = dataclasses.replace(linear_car, spring=CubicSpring(k=16e3, k3=1e7))
+    for law in (PPF(G1=1.0, G2=50.0), PD(p1=0.0, p2=-50.0), PPF(G1=3500.0, G2=1.0)):
+        messages = []
+        for car in (linear_car, hardening):
+            with pytest.raises(
+                ValueError, match=r"must be below .* 1/s\^2 .*static stability"
+            ) as e:
+                law.check(car)
+            messages.append(str(e.value))
+        assert messages[0] == messages[1]
+    PPF(G1=1.0, G2=45.0).check(hardening)  # k1 k2 / ((k1 + k2) m2) = 49.2
+
+
 @given(law=st.one_of(ndf, st.builds(LNVC, G1=gain, G2=gain)))
 def test_laws_that_take_energy_out_leave_a_real_car_stable(law):
     car = QuarterCar.from_physical(60.0, 300.0, 190e3, 16e3, 100.0, 1e3)
     law.check(car)
     poles = np.linalg.eigvals(closed_loop_matrix(law, car))
-    # a filter without gain keeps its own poles, down to zeta omega_f = 0.01; rest of LNVC's at 0
+    # a filter without gain keeps its own poles, down to zeta omega_f = 0.01
     assert np.max(poles.real) <= 1e-9
 
 
@@ -248,7 +271,7 @@ def test_laws_that_take_energy_out_leave_a_real_car_stable(law):
 def test_linear_velocity_feedback_adds_to_the_damping(G1, G2):
     """On (3)-(4) the gains stand beside b1 and, on v2 alone, beside b2."""
     found = closed_loop_matrix(LNVC(G1=G1, G2=G2), PAPER)[:4, :4]
-    expected = linear.system_matrix(PAPER) - np.diag([0.0, 0.0, G1, G2])
+    expected = linear.matrices(PAPER).A - np.diag([0.0, 0.0, G1, G2])
     assert found == pytest.approx(expected, rel=1e-15)
 
 
@@ -258,7 +281,7 @@ def test_the_averaged_damping_of_cnvc(a, omega, G):
     law = CNVC(G1=G, G2=G)
     psi = 2.0 * math.pi * np.arange(64) / 64  # a trapezoid is exact for harmonics below 64
     v = -omega * a * np.sin(psi)
-    u, _ = law.command(State(0.0 * v, 0.0 * v, v, v), REST, law.gains)
+    u, _ = law.command(State(0.0 * v, 0.0 * v, v, v), NONE, law.numbers)
     assert np.mean(-u * v) / np.mean(v * v) == pytest.approx(0.75 * G * (omega * a) ** 2, rel=1e-12)
 
 
@@ -267,24 +290,23 @@ def test_the_averaged_damping_of_cnvc(a, omega, G):
 
 @given(u=st.floats(-1e6, 1e6), limit=st.floats(1e-3, 1e5))
 def test_an_actuator_holds_the_force_within_its_limit(u, limit):
-    assert saturate(u, limit) == max(-limit, min(limit, u))
+    assert clamp(u, -limit, limit) == max(-limit, min(limit, u))
 
 
 @given(u=st.floats(-1e6, 1e6))
 def test_an_unlimited_actuator_changes_nothing(u):
-    assert saturate(u, closed_loop.UNLIMITED) == u
+    assert clamp(u, -UNLIMITED, UNLIMITED) == u
+    assert np.isnan(clamp(math.nan, -1.0, 1.0))
 
 
 @given(x=st.from_type(State), eta=st.from_type(Filter), law=st.one_of(ppf, ndf))
 def test_without_reaching_the_limit_saturation_changes_nothing(x, eta, law):
     state = ControlledState(x, eta)
-    loose = Limits(1e9, 1e9)
-    laws = (law.command, law.filter_rate, law.gains)
-    free = closed_loop.controlled_rate(state, STILL, *laws, PAPER)
-    assert closed_loop.saturated_rate(state, STILL, *laws, loose, PAPER) == free
-    tight = closed_loop.saturated_rate(state, STILL, *laws, Limits(1.0, 1.0), PAPER)
+    free = rate(law, PAPER, state)
+    assert rate(law, PAPER, state, Limits(1e9, 1e9)) == free
+    tight = rate(law, PAPER, state, Limits(1.0, 1.0))
     assert tight.filter == free.filter  # the filter does not see the actuator
-    bare = closed_loop.memoryless_rate(x, STILL, Passive().command, Passive().gains, PAPER)
+    bare = rate(Passive(), PAPER, ControlledState(x, NONE)).plant
     assert abs(tight.plant.v1 - bare.v1) <= 1.0 + 1e-9
     assert abs(tight.plant.v2 - bare.v2) <= 1.0 + 1e-9
 
@@ -297,21 +319,19 @@ def test_floats_arrays_and_tensors_give_the_same_bits(same_bits, name):
     law = LAWS[name]()
     rng = np.random.default_rng(1)
     n = 67
-    x, eta = State(*rng.normal(size=(4, n))), Filter(*rng.normal(size=(4, n)))
-    gains = type(law.gains)(*(np.full(n, each) for each in law.gains))
+    x = State(*rng.normal(size=(4, n)))
+    eta = law.State(*rng.normal(size=(len(law.State._fields), n)))
+    gains = type(law.numbers)(*(np.full(n, each) for each in law.numbers))
     same_bits(law.command, x, eta, gains)
     if law.filter_rate is not None:
         same_bits(law.filter_rate, x, eta, gains)
-        car = type(PAPER.coefficients)(*(np.full(n, each) for each in PAPER.coefficients))
-        forcing = Forcing(*rng.normal(size=(2, n)))
-
-        def rate(x, eta, forcing, gains, limits, car):
-            state = ControlledState(x, eta)
-            return closed_loop.saturated_rate(
-                state, forcing, law.command, law.filter_rate, gains, limits, car
-            )
-
-        same_bits(rate, x, eta, forcing, gains, Limits(*rng.random((2, n))), car)
+    car = type(PAPER.numbers)(*(np.full(n, each) for each in PAPER.numbers))
+    input = Input(RoadForce(rng.normal(size=n)), rng.normal(size=n))
+    limits = Limits(*rng.random((2, n)))
+    for held in (False, True):
+        loop = loop_functions(PAPER_FUNCTIONS, law.functions, limited=True, held=held)
+        p = LoopNumbers(car, gains, limits)
+        same_bits(loop.rate, ControlledState(x, eta), input, tuple(rng.normal(size=(2, n))), p)
 
 
 # What is refused --------------------------------------------------------------------------------

@@ -65,10 +65,15 @@ def test_feedforward_cancels_the_mean_disturbance_of_the_interval():
     k = lqr.feedforward(PAPER.car, PUSH, 55.0, 55.0, 0.005)
     t = 0.321
     tau = t + (np.arange(2000) + 0.5) / 2000 * 0.005
-    y, rate = PAPER.road.height(tau), PAPER.road.rate(tau)
+    y, rate = PAPER.excitation.height(tau), PAPER.excitation.rate(tau)
     wheel = np.mean(PAPER.car.mu1 * y + PAPER.car.mu2 * rate)
     body = np.mean(PAPER.force.value(tau))
-    seen = [PAPER.road.height(t), PAPER.road.rate(t), PAPER.force.value(t), PAPER.force.rate(t)]
+    seen = [
+        PAPER.excitation.height(t),
+        PAPER.excitation.rate(t),
+        PAPER.force.value(t),
+        PAPER.force.rate(t),
+    ]
     np.testing.assert_allclose(PUSH @ k @ seen, [-wheel, -body], rtol=1e-6)
 
 

@@ -11,7 +11,8 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from qcar_env import scenario
-from qcar_env.envs import task
+from qcar_env.envs import episode as task
+from qcar_env.envs.vector import QuarterCarHumpVectorEnv
 
 ID = "QuarterCarHump-v0"
 PAPER = scenario("paper")
@@ -52,8 +53,12 @@ def sync(autoreset: AutoresetMode = AutoresetMode.DISABLED, **kwargs: Any):
     return gym.make_vec(ID, N, vectorization_mode="sync", vector_kwargs=vector, **kwargs)
 
 
-KINDS = {"scalar": Scalar, "sync": sync}
-VECTORS = {"sync": sync}
+def native(autoreset: AutoresetMode = AutoresetMode.DISABLED, **kwargs: Any):
+    return QuarterCarHumpVectorEnv(N, autoreset_mode=autoreset, **kwargs)
+
+
+KINDS = {"scalar": Scalar, "sync": sync, "native": native}
+VECTORS = {"sync": sync, "native": native}
 
 
 @pytest.fixture(params=list(KINDS))
@@ -181,13 +186,13 @@ class TestContract:
         env.reset(seed=0)
         bad = idle(env)
         bad[-1, 0] = value
-        with pytest.raises(ValueError, match=r"action must be finite, got .*\[-1, 1\]"):
+        with pytest.raises(ValueError, match=r"actions? must be finite, got .*\[-1, 1\]"):
             env.step(bad)
 
     def test_an_action_of_the_wrong_shape_is_refused(self, make):
         env = make()
         env.reset(seed=0)
-        with pytest.raises(ValueError, match="action must have shape"):
+        with pytest.raises(ValueError, match=r"actions? must have shape"):
             env.step(np.zeros((env.num_envs, 3), dtype=np.float32))
 
 

@@ -1,6 +1,7 @@
 """The environment of one car: what it shows, pays, accepts and refuses."""
 
 import dataclasses
+import inspect
 import math
 import pickle
 import subprocess
@@ -10,14 +11,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
-import qcar_env
 from qcar_env import SCENARIOS, scenario
-from qcar_env.envs import task
+from qcar_env.envs import episode as task
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
-from qcar_env.physics import linear, motion
-from qcar_env.physics.state import squared_amplitudes
+from qcar_env.envs.reward import absolute, squared
+from qcar_env.physics import linear
+from qcar_env.physics.signals import Signal, signal
 
 ID = "QuarterCarHump-v0"
 PAPER = scenario("paper")
@@ -36,15 +37,19 @@ def started(name="paper", options=None, **kwargs) -> QuarterCarHumpEnv:
     return env
 
 
+def drawn_start(find, every_name, seed=0, **kwargs):
+    env = make(find(every_name), **kwargs)
+    env.reset(seed=seed)
+    return env
+
+
 # Checkers and seeds -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("observe_limit", [False, True])
-@pytest.mark.parametrize("observe", task.OBSERVE)
-@pytest.mark.parametrize("name", list(SCENARIOS))
-def test_gymnasiums_and_sb3s_checkers_pass_without_a_warning(name, observe, observe_limit):
+def test_gymnasiums_and_sb3s_checkers_pass_without_a_warning(find, every_name):
     sb3 = pytest.importorskip("stable_baselines3.common.env_checker")
-    env = make(name, observe=observe, observe_limit=observe_limit)
+    few = {"observe": "feedback", "observe_limit": True} if every_name == "paper" else {}
+    env = make(find(every_name), **few)
     check_env(env, skip_render_check=True)  # frames: tests/envs/test_rendering.py
     sb3.check_env(env)
 
@@ -110,42 +115,71 @@ def test_episodes_of_one_seed_differ_from_each_other_and_repeat():
 # Observation ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", list(SCENARIOS))
-def test_the_observation_is_state_road_and_force_in_the_tasks_scales(name):
-    env = started(name)
-    scales = task.scales(env.scenario)
+def test_the_observation_is_state_road_and_force_in_the_scenarios_scales(find, every_name):
+    env = drawn_start(find, every_name)
+    scale = env.scenario.reference.scale
+    scales = np.array([scale(signal(name), env.scenario) for name in task.FULL])
     rng = np.random.default_rng(1)
-    seen, true = [], []
-    for _ in range(150):  # past the start of every hump
+    for _ in range(150):
         action = rng.uniform(-0.3, 0.3, env.action_space.shape).astype(np.float32)
         observation, _, terminated, _, _ = env.step(action)
         if terminated:
             break
-        x, road, force, t = env.state, env.episode.road, env.episode.force, env.time
-        expected = (x.x1 * scales.x1, x.x2 * scales.x2, x.v1 * scales.v1, x.v2 * scales.v2)
-        assert observation[:4] == pytest.approx(np.clip(expected, -10, 10), rel=1e-6)  # float32
-        if not road.kinks(t - 1e-9, t + 1e-9):  # on a kink rounding decides which piece is met
-            seen.append(observation[4:])
-            true.append((road.height(t), road.rate(t), force.value(t), force.rate(t)))
-    assert env.time > env.episode.road.start
-    for entry, quantity in zip(np.transpose(seen), np.array(true, dtype=float).T, strict=True):
-        size = np.max(np.abs(quantity))
-        if size == 0.0:
-            assert not np.any(entry)
+        road, force, t = env.episode.excitation, env.episode.force, env.time
+        if road.kinks(t - 1e-9, t + 1e-9):  # on a kink rounding decides which piece is met
             continue
-        gain = entry @ quantity / (quantity @ quantity)
-        assert gain > 0.0
-        assert 0.1 < np.max(np.abs(entry)) < 10.0
-        assert entry == pytest.approx(gain * quantity, abs=1e-6 * gain * size)  # float32
+        outside = (road.height(t), road.rate(t), force.value(t), force.rate(t))
+        true = np.array([*env.state, *map(float, outside)])
+        expected = np.clip(np.divide(true, scales, out=np.zeros(8), where=scales > 0), -10, 10)
+        # float32, and the phasors' own rounding
+        assert observation == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", list(SCENARIOS))
-def test_the_scales_bring_the_uncontrolled_motion_to_order_one(name):
-    scales, nominal = task.scales(SCENARIOS[name]), SCENARIOS[name]
-    a1, a2 = nominal.reference_amplitudes
-    omega = nominal.reference_frequency
-    entries = (scales.x1 * a1, scales.x2 * a2, scales.v1 * a1 * omega, scales.v2 * a2 * omega)
-    assert all(0.1 < entry < 10.0 for entry in entries)
+@pytest.mark.parametrize("observe", [("body_acceleration", "travel"), ("tyre_load", "y")])
+def test_signals_are_observed_by_their_names(observe):
+    env = started("mathworks-hump", observe=observe)
+    assert env.observation_space.shape == (2,)
+    observation = env.step(np.ones(1, np.float32))[0]
+    if observe[0] == "tyre_load":
+        assert observation[1] == 0.0  # the hump is yet to come
+        return
+    scales, x = env.scenario.reference.scales, env.state
+    assert observation[1] * scales["travel"] == pytest.approx(x.x2 - x.x1, rel=1e-6)
+
+
+def test_a_signal_of_ones_own_is_observed_in_its_own_scale():
+    mine = Signal("sum", "m", "sum of the displacements", sum_of_displacements, scale=2.0)
+    env = started(observe=(mine, "x1"), options={"state": (0.5, 0.25, 0.0, 0.0)})
+    assert env.reset(options={"state": (0.5, 0.25, 0.0, 0.0)})[0][0] == 0.375
+
+
+def sum_of_displacements(m, p):
+    return m.x.x1 + m.x.x2
+
+
+def test_a_signal_that_needs_masses_is_refused_on_a_car_without():
+    with pytest.raises(ValueError, match="signal 'tyre_load' needs a car with masses"):
+        make(observe=("tyre_load",))
+
+
+def test_an_observed_actuator_force_is_shown_over_its_limit():
+    """Without control there is none, so that its largest value then is no scale."""
+    env = started(observe=("u1", "u2"))
+    assert env.step(np.array([1.0, -0.5], np.float32))[0].tolist() == [1.0, -0.5]
+    env = started("mathworks-hump", observe=("u1", "u2"))
+    assert env.step(np.array([0.5], np.float32))[0].tolist() == [-0.5, 0.5]
+
+
+def test_a_reward_can_be_made_of_terms():
+    terms = (squared("body_acceleration", 2.0), absolute("travel"))
+    env = started("mathworks-hump", reward=terms, observe=("body_acceleration", "travel"))
+    for _ in range(10):
+        observation, reward, _, _, info = env.step(np.array([0.4], np.float32))
+        a, z = observation.astype(float)
+        assert info["reward_body_acceleration"] == pytest.approx(-2.0 * a * a, rel=1e-5)
+        assert info["reward_suspension_travel"] == pytest.approx(-abs(z), rel=1e-5)
+        assert info["reward_travel"] == 0.0
+        assert reward == pytest.approx(-2.0 * a * a - abs(z), rel=1e-5)
 
 
 def test_feedback_is_the_state_alone():
@@ -186,11 +220,10 @@ def test_a_step_is_the_plants_motion_under_the_held_force(action, phase, x):
     start = np.array(env.state)
     env.step(np.array(action, dtype=np.float32))
     u = np.array(action) * env.force_limit
-    m = linear.rk4_transition(PAPER.car, PAPER.road, PAPER.force, PAPER.dt, PAPER.substeps)
-    world = motion.world_at(phase / 55.0, PAPER.road, PAPER.force)
-    expected = (
-        m.A @ start + m.B @ u + m.road @ np.array(world.road) + m.force @ np.array(world.force)
-    )
+    road = PAPER.excitation
+    m = linear.rk4_transition(PAPER.car, road, PAPER.force, PAPER.dt, PAPER.substeps)
+    phasor = np.array([np.sin(phase), np.cos(phase)])  # omega = Omega
+    expected = m.A @ start + m.B @ u + m.road @ phasor + m.force @ phasor
     # two ways to do the same sums of terms up to 30 (velocities) and 280 * 0.005
     assert np.array(env.state) == pytest.approx(expected, abs=1e-12)
 
@@ -218,9 +251,8 @@ def test_a_suspension_actuator_lifts_the_body_and_presses_the_wheel():
 # Reward and end ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", list(SCENARIOS))
-def test_the_terms_of_the_reward_add_up_and_none_is_positive(name):
-    env = started(name)
+def test_the_terms_of_the_reward_add_up_and_none_is_positive(find, every_name):
+    env = drawn_start(find, every_name)
     env.action_space.seed(2)
     terminated = truncated = False
     while not (terminated or truncated):
@@ -233,7 +265,7 @@ def test_the_terms_of_the_reward_add_up_and_none_is_positive(name):
 
 
 def test_the_uncontrolled_steady_motion_is_paid_alike_at_every_instant():
-    steady = linear.steady_state(PAPER.car, PAPER.road, PAPER.force)
+    steady = linear.steady_state(PAPER.car, PAPER.excitation, PAPER.force)
     env = started(options={"state": steady.state(0.0), "phase": 0.0})
     terms = []
     for _ in range(200):
@@ -243,10 +275,10 @@ def test_the_uncontrolled_steady_motion_is_paid_alike_at_every_instant():
     assert np.ptp(terms, axis=0) == pytest.approx([0.0, 0.0], abs=1e-4)
 
 
-@pytest.mark.parametrize("name", list(SCENARIOS))
-def test_a_larger_amplitude_of_a_mass_is_paid_less_and_stillness_costs_nothing(name):
-    env = started(name)
-    inverse = 1.0 / env.scenario.reference_frequency
+def test_a_larger_amplitude_of_a_mass_is_paid_less_and_stillness_costs_nothing(find, every_name):
+    env = drawn_start(find, every_name)
+    scales = env.scenario.reference.scales
+    A = np.array([scales[each] for each in task.FEEDBACK])
     pairs = []
     for _ in range(5):
         env.reset()
@@ -254,8 +286,9 @@ def test_a_larger_amplitude_of_a_mass_is_paid_less_and_stillness_costs_nothing(n
             _, _, terminated, _, info = env.step(np.zeros(env.action_space.shape, np.float32))
             if terminated:
                 break
-            squares = squared_amplitudes(env.state, inverse)
-            pairs.append((*np.sqrt(squares), info["reward_x1"], info["reward_x2"]))
+            z = np.array(env.state) / A
+            amplitudes = np.hypot(z[:2], z[2:])
+            pairs.append((*amplitudes, info["reward_x1"], info["reward_x2"]))
     for amplitude, term in zip(np.transpose(pairs)[:2], np.transpose(pairs)[2:], strict=True):
         order = np.argsort(amplitude)
         assert np.all(np.diff(term[order]) <= 1e-12)
@@ -293,7 +326,7 @@ def test_leaving_the_travel_limits_terminates_and_does_not_truncate(mass, sign, 
 
 def test_leaving_is_worse_than_never_acting():
     """At the usual discount of 0.99 no policy gains by ending an episode that goes badly."""
-    steady = linear.steady_state(PAPER.car, PAPER.road, PAPER.force)
+    steady = linear.steady_state(PAPER.car, PAPER.excitation, PAPER.force)
     idle = started(options={"state": steady.state(0.0), "phase": 0.0}).step(STILL)[1]
     limit = PAPER.travel_limit * PAPER.reference_amplitudes[0]
     leaving = started(options={"state": (0.99 * limit, 0.0, 100.0, 0.0)}).step(STILL)[1]
@@ -303,24 +336,21 @@ def test_leaving_is_worse_than_never_acting():
 # Starts and options -----------------------------------------------------------------------------
 
 
-@settings(max_examples=20)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_starts_lie_within_the_travel_limits_and_the_observation_space(seed):
-    for name in SCENARIOS:
-        env = make(name)
+def test_starts_lie_within_the_travel_limits_and_the_observation_space(find, every_name):
+    env = make(find(every_name))
+    scales = env.scenario.reference.scales
+    for seed in range(20):
         observation, info = env.reset(seed=seed)
         assert observation in env.observation_space
         x1, x2 = env.state[:2]
-        limits = env.scenario.travel_limit * np.array(env.scenario.reference_amplitudes)
-        assert abs(x1) <= limits[0]
-        assert abs(x2) <= limits[1]
+        assert abs(x1) <= env.scenario.travel_limit * scales["x1"]
+        assert abs(x2) <= env.scenario.travel_limit * scales["x2"]
         assert 0.0 <= info["phase"] < 2.0 * math.pi
         assert np.array_equal(info["force"], np.zeros(env.action_space.shape))
 
 
-@pytest.mark.parametrize("name", list(SCENARIOS))
-def test_starts_vary_and_some_are_at_rest(name):
-    env = make(name)
+def test_starts_vary_and_some_are_at_rest(find, every_name):
+    env = make(find(every_name))
     env.reset(seed=0)
     starts = []
     for _ in range(200):
@@ -405,7 +435,10 @@ def test_a_randomised_scenario_varies_from_episode_to_episode():
         ({"force_scale": 0.0}, "force_scale must be positive, got 0"),
         ({"force_scale": 1e300}, r"force_scale must be at most 1e\+06, got 1e\+300"),
         ({"scenario": "papre"}, "unknown scenario 'papre'; did you mean 'paper'"),
-        ({"scenario": "mathworks-hump"}, r"has 1 actuator\(s\), this environment 2; make a new"),
+        (
+            {"scenario": "mathworks-hump"},
+            r"has 1 actuator\(s\), this environment 2; make a new",
+        ),
     ],
 )
 def test_an_option_out_of_range_is_refused(options, message):
@@ -534,7 +567,7 @@ def test_a_step_after_the_end_is_refused():
 
 
 def test_a_scenario_of_ones_own_serves_as_well():
-    mine = dataclasses.replace(HUMP, name="mine", duration=0.1)
+    mine = dataclasses.replace(HUMP, name="mine", duration=2.0)
     env = gym.make(ID, scenario=mine)
     env.reset(seed=0)
     assert env.unwrapped.scenario == mine
@@ -550,7 +583,22 @@ def test_the_docstring_names_what_a_user_meets():
     _, _, _, _, info = started().step(STILL)
     for name in (*task.RESET_OPTIONS, *task.OBSERVE, *info):
         assert f"`{name}`" in page or f'"{name}"' in page or f'info["{name}"]' in page, name
-    assert qcar_env.SCENARIOS.keys() >= {"paper"}
+    arguments = list(inspect.signature(QuarterCarHumpEnv.__init__).parameters)[1:]
+    assert all(f"`{name}`" in page for name in arguments)
+
+
+def test_the_numbers_of_the_docstring_are_those_of_the_preset():
+    page = QuarterCarHumpEnv.__doc__
+    scales = PAPER.reference.scales
+    for i, name in enumerate(task.FULL):
+        (row,) = [each for each in page.splitlines() if each.strip().startswith(f"| {i} | {name} ")]
+        shown = float(row.split("|")[4].split()[0])
+        assert shown == pytest.approx(scales[name], rel=5e-4)
+    assert (PAPER.actuator.limit, HUMP.actuator.limit) == ((280.0, 33.0), (1500.0,))
+    assert (PAPER.travel_limit, PAPER.steps, PAPER.dt) == (3.0, 1000, 0.005)
+    limit = PAPER.travel_limit * scales["x1"]
+    env = started(options={"state": (0.99 * limit, 0.0, 100.0, 0.0)})
+    assert env.step(STILL)[4]["reward_travel"] == pytest.approx(-3000.0)
 
 
 def test_a_refused_reset_changes_nothing():

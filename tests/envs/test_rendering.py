@@ -10,9 +10,14 @@ import numpy as np
 import pytest
 
 import qcar_env  # noqa: F401 - registers the environment
+from qcar_env.envs.picture import forces, largest_forces, sizes
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
+from qcar_env.parts.actuator import LaggedSemiActiveDamper, LaggedSuspensionActuator
 from qcar_env.physics import linear
+from qcar_env.physics.signals import signal
 from qcar_env.physics.state import State
+from qcar_env.roads.iso8608 import ISO8608
+from qcar_env.roads.shapes import SquareBar
 from qcar_env.scenarios import SCENARIOS, scenario
 
 rendering = pytest.importorskip("qcar_env.envs.rendering")
@@ -24,6 +29,9 @@ EXTERNAL = (176, 122, 20)
 
 def picture(name="paper", x1=0.0, x2=0.0, action=None, time=0.0, **changes):
     base = scenario(name)
+    rest = State(0.0, 0.0, 0.0, 0.0)
+    kind, numbers = type(base.actuator), base.actuator.numbers
+    command = kind.command((0.0, 0.0) if action is None else action, numbers)
     return rendering.Picture(
         name="CNVC",
         colour="#0072B2",
@@ -32,7 +40,7 @@ def picture(name="paper", x1=0.0, x2=0.0, action=None, time=0.0, **changes):
         time=time,
         elapsed=0.0,
         state=State(x1, x2, 0.0, 0.0),
-        action=(0.0,) * base.actuator.size if action is None else action,
+        force=forces(base.actuator, command, (), rest),
         **changes,
     )
 
@@ -78,30 +86,30 @@ def test_the_body_is_drawn_as_high_as_it_is(name, share):
     painter = rendering.Painter()
     at_rest = rows_of(painter.draw(picture(name)), BLUE, BODY)
     moved = rows_of(painter.draw(picture(name, x2=x2)), BLUE, BODY)
-    expected = rendering.scales(scenario(name)).displacement * x2
+    expected = sizes(scenario(name)).displacement * x2
     assert at_rest[0] - moved[0] == pytest.approx(expected, abs=1.0)  # a whole pixel
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_the_uncontrolled_motion_and_the_hump_can_be_seen(name):
     base = scenario(name)
-    sizes = rendering.scales(base)
+    found = sizes(base)
     a1, a2 = base.reference_amplitudes
-    assert 15.0 < sizes.displacement * max(a1, a2) < 60.0  # px, of 480
-    assert sizes.displacement * sizes.road * base.road.h >= 13.0
-    assert 15.0 < sizes.displacement * sizes.bar <= 60.0
+    assert 15.0 < found.displacement * max(a1, a2) < 60.0  # px, of 480
+    assert found.displacement * found.road * base.excitation.h >= 12.99  # rounding
+    assert 15.0 < found.displacement * found.bar <= 60.0
 
 
 def test_the_tyre_ends_on_the_road():
     painter = rendering.Painter()
     base = scenario("paper")
-    quarter = 0.25 * 2.0 * np.pi / base.road.omega
+    quarter = 0.25 * 2.0 * np.pi / base.excitation.omega
     for when, height in ((0.0, 0.0), (quarter, base.road.h), (3 * quarter, -base.road.h)):
         frame = painter.draw(picture(time=when))
         column = frame[:, 256]  # under the axle
         tyre = np.flatnonzero(np.all(column == (52, 56, 62), axis=1))
-        sizes = rendering.scales(base)
-        road = 0.645 * 480 - height * sizes.displacement * sizes.road
+        found = sizes(base)
+        road = 0.645 * 480 - height * found.displacement * found.road
         assert tyre[-1] == pytest.approx(road, abs=2.0)  # the outlines are a pixel wide
 
 
@@ -131,7 +139,7 @@ def test_the_external_force_is_shown_where_there_is_one():
 
 def test_the_chart_shows_amplitudes_over_the_uncontrolled_ones():
     base = scenario("paper")
-    steady = linear.steady_state(base.car, base.road, base.force)
+    steady = linear.steady_state(base.car, base.excitation, base.force)
     for t in np.linspace(0.0, 0.1, 5):
         shown = dataclasses.replace(picture(), state=State(*steady.state(t)))
         assert shown.levels == pytest.approx((1.0, 1.0), rel=1e-9)
@@ -146,10 +154,9 @@ def test_the_chart_remembers_an_episode_and_forgets_it_at_the_next():
     np.testing.assert_array_equal(painter.draw(picture(x2=0.1)), fresh)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
-def test_every_scenario_can_be_rendered_without_a_display(name, monkeypatch):
+def test_every_scenario_can_be_rendered_without_a_display(find, every_name, monkeypatch):
     monkeypatch.delenv("DISPLAY", raising=False)
-    env = gym.make("QuarterCarHump-v0", scenario=name, render_mode="rgb_array")
+    env = gym.make("QuarterCarHump-v0", scenario=find(every_name), render_mode="rgb_array")
     env.reset(seed=1)
     before = env.render()
     for _ in range(20):
@@ -246,8 +253,9 @@ def test_absent_pygame_is_named_with_the_remedy(monkeypatch):
     import qcar_env.envs
 
     monkeypatch.setitem(sys.modules, "pygame", None)
-    monkeypatch.delitem(sys.modules, "qcar_env.envs.rendering")
-    monkeypatch.delattr(qcar_env.envs, "rendering")
+    for name in ("drawing", "rendering"):
+        monkeypatch.delitem(sys.modules, f"qcar_env.envs.{name}")
+        monkeypatch.delattr(qcar_env.envs, name)
     env = QuarterCarHumpEnv(render_mode="rgb_array")
     env.reset(seed=0)
     with pytest.raises(gym.error.DependencyNotInstalled, match=r"qcar_env\[render\]"):
@@ -295,3 +303,64 @@ def test_record_video_of_a_batch(tmp_path):
 def test_a_car_that_is_not_in_the_batch_cannot_be_drawn():
     with pytest.raises(ValueError, match="one of 0 to 3, got 4"):
         gym.make_vec("QuarterCarHump-v0", num_envs=4, render_mode="rgb_array", render_cars=(4,))
+
+
+# Any road, any actuator --------------------------------------------------------------------------
+
+
+def test_a_road_from_a_table_is_read_at_the_cars_distance():
+    base = scenario("mathworks-hump")
+    rough = dataclasses.replace(
+        base, road=ISO8608.of_class("C", L=100.0, seed=1, start=0.0), speed=20.0
+    )
+    painter = rendering.Painter()
+    shown = dataclasses.replace(picture("mathworks-hump"), nominal=rough, episode=rough)
+    frames = [painter.draw(dataclasses.replace(shown, time=t)) for t in (0.5, 1.0)]
+    assert np.any(frames[0] != frames[1])
+    found = sizes(rough)
+    for t, frame in zip((0.5, 1.0), frames, strict=True):
+        tyre = np.flatnonzero(np.all(frame[:, 256] == (52, 56, 62), axis=1))
+        height = float(rough.excitation.height(t))
+        road = 0.645 * 480 - height * found.displacement * found.road
+        assert tyre[-1] == pytest.approx(road, abs=2.0)  # the outlines are a pixel wide
+
+
+def test_a_kerb_is_drawn_upright():
+    base = scenario("mathworks-hump")
+    bar = dataclasses.replace(base, road=SquareBar(h=0.1, L=3.0, start=1.0))
+    shown = dataclasses.replace(picture("mathworks-hump"), nominal=bar, episode=bar)
+    frame = rendering.Painter().draw(shown)
+    left = 256 + sizes(bar).along * 1.0  # where the bar begins, of the axle at 256
+    just_before, just_after = (
+        int(np.flatnonzero(np.all(frame[:340, round(x)] == (88, 93, 100), axis=1))[0])
+        for x in (left - 2.0, left + 2.0)
+    )
+    height = 0.1 * sizes(bar).displacement * sizes(bar).road
+    assert just_before - just_after == pytest.approx(height, abs=1.5)
+
+
+def test_the_force_that_is_drawn_is_the_one_that_acts_and_not_the_one_asked_for():
+    base = scenario("mathworks-hump")
+    for actuator in (
+        LaggedSuspensionActuator(limit=(1500.0,), lag=0.02),
+        LaggedSemiActiveDamper(c_min=100.0, c_max=3000.0, lag=0.01),
+    ):
+        mine = dataclasses.replace(base, actuator=actuator)
+        start = {"state": (0.0, 0.01, 0.3, 0.0)}
+        env = QuarterCarHumpEnv(mine)
+        many = gym.make_vec("QuarterCarHump-v0", num_envs=2, scenario=mine).unwrapped
+        env.reset(seed=0, options=start)
+        many.reset(seed=0, options=start)
+        for _ in range(3):
+            force = env.step(np.ones(1, np.float32))[-1]["force"]
+            many.step(np.ones((2, 1), np.float32))
+        for shown in (env.picture(), many._picture(1, "", "#000000")):
+            assert shown.force == pytest.approx((-force[0], force[0]), rel=1e-12)
+            assert 0.0 < abs(shown.shares[1]) < 1.0
+
+
+def test_the_arrow_of_a_semi_active_damper_has_a_scale_of_its_own():
+    damper = LaggedSemiActiveDamper(c_min=100.0, c_max=3000.0, lag=0.01)
+    mine = dataclasses.replace(scenario("mathworks-hump"), actuator=damper)
+    scale = mine.reference.scale(signal("travel_rate"), mine)
+    assert largest_forces(mine) == (3000.0 * scale, 3000.0 * scale)

@@ -1,11 +1,13 @@
 """The vector environment: the same episodes as single ones, bit for bit, in every mode."""
 
 import dataclasses
-import itertools
 import multiprocessing
 import os
 import pickle
+import subprocess
+import sys
 import threading
+import time
 
 import gymnasium as gym
 import numpy as np
@@ -14,13 +16,11 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from qcar_env import SCENARIOS
-from qcar_env.envs import cars, task
+from qcar_env.engine import cars
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.envs.vector import QuarterCarHumpVectorEnv
-from qcar_env.physics import motion
-from qcar_env.physics.engine_sampled import LIMITS
-from qcar_env.physics.linear import exact_transition
 from qcar_env.physics.state import State
+from qcar_env.roads.iso8608 import ISO8608
 
 SHORT = 0.6  # [s] episodes of the tests: 120 intervals, several of them in a test
 
@@ -46,11 +46,10 @@ def assert_same(a, b, where=""):
         assert a.shape == b.shape, where
 
 
-@pytest.mark.parametrize("mode", ["SameStep", "NextStep"])
-@pytest.mark.parametrize("name", list(SCENARIOS))
-def test_equals_single_environments_bit_for_bit(name, mode):
-    n = 66  # more than a block
-    arguments = {"scenario": name, "duration": SHORT, "observe_limit": name == "paper-randomised"}
+def test_equals_single_environments_bit_for_bit(find, every_name):
+    n = 130  # more than a block
+    mode = "NextStep" if every_name in ("paper-hump", "mathworks-train") else "SameStep"
+    arguments = {"scenario": find(every_name), "duration": SHORT}
     native = QuarterCarHumpVectorEnv(n, **arguments, autoreset_mode=mode)
     single = SyncVectorEnv(
         [lambda: QuarterCarHumpEnv(**arguments)] * n, autoreset_mode=AutoresetMode(mode)
@@ -62,55 +61,6 @@ def test_equals_single_environments_bit_for_bit(name, mode):
         action = actions_for(native, rng)
         for i, (a, b) in enumerate(zip(native.step(action), single.step(action), strict=True)):
             assert_same(a, b, f"step {k}, result {i}")
-
-
-@pytest.mark.parametrize("name", ["paper", "paper-randomised", "mathworks-train"])
-def test_equals_the_plain_python_source_bit_for_bit(name):
-    """A thousand steps of the compiled engine against the same functions, not compiled."""
-    env = QuarterCarHumpVectorEnv(3, name, duration=1.5, autoreset_mode="SameStep")
-    base = env.scenario_of(0)
-    nominal = task.nominal_numbers(base)
-    generators = [np.random.Generator(np.random.PCG64(5 + i)) for i in range(3)]
-
-    def start(i):
-        draws = generators[i].random(task.DRAWS).tolist()
-        x, phase = task.draw_motion(draws, nominal)
-        e = task.begin(x, phase, task.draw_factors(draws, nominal), nominal)
-        return {"e": e, "x": e.x, "world": e.world, "kink": e.kink, "k": 0}
-
-    def seen(car):
-        entries = task.observe(car["x"], car["world"], car["e"].scales)[: task.FULL_SIZE]
-        return np.array([task.bounded(each, task.OBSERVATION_LIMIT) for each in entries], "f4")
-
-    observation, _ = env.reset(seed=5)
-    cars = [start(i) for i in range(3)]
-    rng = np.random.default_rng(1)
-    for _ in range(1000):
-        assert np.array_equal(observation, [seen(car) for car in cars])
-        action = actions_for(env, rng)
-        observation, reward, terminated, truncated, _ = env.step(action)
-        for i, car in enumerate(cars):
-            e = car["e"]
-            a = [task.bounded(float(value), 1.0) for value in action[i]]
-            car["x"], car["world"], car["kink"] = motion.interval(
-                car["x"],
-                car["world"],
-                car["kink"],
-                e.start + car["k"] * base.dt,
-                base.dt,
-                base.substeps,
-                e.limits.u1 * a[0],
-                e.limits.u2 * a[-1],
-                e.plant,
-            )
-            car["k"] += 1
-            cost1, cost2 = task.costs(car["x"], e.scales)
-            out = task.out_of_travel(car["x"], e.scales)
-            assert reward[i] == -cost1 - cost2 + (-task.penalty(e.scales) if out else 0.0)
-            assert terminated[i] == out
-            assert truncated[i] == (car["k"] >= base.steps and not out)
-            if terminated[i] or truncated[i]:
-                cars[i] = start(i)
 
 
 def test_disabled_mode_waits_for_a_reset_of_the_cars_that_are_over():
@@ -177,17 +127,17 @@ def test_options_for_each_car():
     assert info["phase"].tolist() == [0.5] * 3
     env.reset(options={"force_scale": [1.0, 0.5, 0.25]})
     np.testing.assert_allclose(env.force_limits[:, 0], [280.0, 140.0, 70.0])
-    names = ["paper", "paper-hump", "paper-step"]
+    names = ["paper", "paper", "paper-randomised"]
     env.reset(options={"scenario": names})
     assert [env.scenario_of(i).name for i in range(3)] == names
     mixed, _ = env.reset(seed=9)
-    alone = QuarterCarHumpEnv("paper-step", force_scale=0.25)
+    alone = QuarterCarHumpEnv("paper-randomised", force_scale=0.25)
     assert np.array_equal(mixed[2], alone.reset(seed=11)[0])
 
 
 def test_each_car_can_have_its_own_scenario():
-    names = list(SCENARIOS)[:4]
-    env = QuarterCarHumpVectorEnv(4, observe_limit=True)
+    names = ["paper", "paper-randomised"]  # both of an endless sine
+    env = QuarterCarHumpVectorEnv(len(names), observe_limit=True)
     single = [QuarterCarHumpEnv(name, observe_limit=True) for name in names]
     observation, _ = env.reset(seed=3, options={"scenario": names})
     expected = [each.reset(seed=3 + i)[0] for i, each in enumerate(single)]
@@ -238,13 +188,13 @@ REFUSED = [
     {"force_scale": 0.5, "state": [9.0] * 4},
     {"force_scale": 0.5, "phase": np.nan},
     {"force_scale": [0.5, 0.25, 1e300]},
-    {"scenario": ["paper-step", "paper", "mathworks-hump"]},
-    {"scenario": "paper-hump", "state": "rest"},
-    {"scenario": "paper-hump", "seed": -1},
-    {"scenario": "paper-hump", "seed": [1, 2]},
-    {"scenario": "paper-hump", "seed": 1.5},
-    {"scenario": "paper-hump", "seed": "one"},
-    {"scenario": "paper-hump", "seed": [1, 2, [3]]},
+    {"scenario": ["paper-randomised", "paper", "mathworks-hump"]},
+    {"scenario": "paper-randomised", "state": "rest"},
+    {"scenario": "paper-randomised", "seed": -1},
+    {"scenario": "paper-randomised", "seed": [1, 2]},
+    {"scenario": "paper-randomised", "seed": 1.5},
+    {"scenario": "paper-randomised", "seed": "one"},
+    {"scenario": "paper-randomised", "seed": [1, 2, [3]]},
 ]
 
 
@@ -288,7 +238,11 @@ def test_a_scenario_with_the_numbers_of_another_keeps_its_own_name():
 
 def test_none_leaves_a_car_without_an_option():
     start = np.array([0.1, 0.2, 3.0, 4.0])
-    options = [{}, {"phase": 0.5, "force_scale": 0.5}, {"state": start, "scenario": "paper-hump"}]
+    options = [
+        {},
+        {"phase": 0.5, "force_scale": 0.5},
+        {"state": start, "scenario": "paper-randomised"},
+    ]
     env = QuarterCarHumpVectorEnv(3, force_scale=np.array(0.75))
     names = ("state", "phase", "force_scale", "scenario")
     found, _ = env.reset(seed=4, options={n: [each.get(n) for each in options] for n in names})
@@ -472,14 +426,13 @@ def test_an_environment_goes_on_after_fork(two_threads):
 
 @pytest.mark.slow
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="needs Linux's account")
-@pytest.mark.parametrize("method", ["rk4", "exact"])
-def test_memory_does_not_grow_over_a_hundred_million_steps(method):
+def test_memory_does_not_grow_over_a_hundred_million_steps():
     def resident():
         with open("/proc/self/statm") as file:
             return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
     n, half = 4096, 50_000_000
-    env = QuarterCarHumpVectorEnv(n, duration=SHORT, method=method)
+    env = QuarterCarHumpVectorEnv(n, duration=SHORT)
     env.reset(seed=0)
     action = np.zeros((n, 2), np.float32)
     sizes = []
@@ -491,117 +444,9 @@ def test_memory_does_not_grow_over_a_hundred_million_steps(method):
     assert sizes[1] - sizes[0] < 4_000_000
 
 
-FREE = {"duration": 1e3, "force_scale": 0.2}  # no car comes to its end
-
-
-def run_to(env, steps, start):
-    """Return states and observations after `steps` intervals under the same actions."""
-    env.reset(seed=0, options=start)
-    rng = np.random.default_rng(0)
-    states, seen = [], []
-    for _ in range(steps):
-        seen.append(env.step(actions_for(env, rng))[0])
-        states.append(env.states)
-    return np.array(states), np.array(seen)
-
-
-START = {"state": np.array([0.1, 0.1, 2.0, 1.0]), "phase": 0.3}
-
-
-def test_rk4_approaches_the_exact_method_with_the_fourth_power_of_the_step():
-    exact, shown = run_to(QuarterCarHumpVectorEnv(3, method="exact", **FREE), 500, START)
-    scale = np.abs(exact).max(axis=(0, 1))
-    errors = []
-    for substeps in (4, 8, 16, 32):
-        scenario = dataclasses.replace(SCENARIOS["paper"], substeps=substeps)
-        states, seen = run_to(QuarterCarHumpVectorEnv(3, scenario, **FREE), 500, START)
-        errors.append(np.abs((states - exact) / scale).max())
-    assert errors[0] < 2e-5
-    assert errors[1] < 1e-6
-    for coarse, fine in itertools.pairwise(errors):
-        assert 14.0 < coarse / fine < 18.0  # 16, but for the next order
-    assert np.abs(seen - shown).max() < 1e-6  # rounding of single precision near one
-
-
-@pytest.mark.parametrize("name", ["paper", "mathworks-hump"])
-def test_the_exact_method_is_the_exact_transition(name):
-    """Two specific forces on the paper's car, one actuator on the other."""
-    endless = dataclasses.replace(SCENARIOS[name], road=SCENARIOS["paper"].road)
-    env = QuarterCarHumpVectorEnv(70, endless, method="exact", **FREE)
-    base = env.scenario_of(0)
-    made = exact_transition(base.car, base.road, base.force, base.dt)
-    env.reset(seed=2, options={"state": np.zeros(4)})
-    x, phase = env.states.T, env._cars.phases
-    rng = np.random.default_rng(0)
-    for k in range(300):
-        action = actions_for(env, rng)
-        t = phase / base.road.omega + k * base.dt
-        road, force = base.road.omega * t, base.force.Omega * t
-        u = env._cars.row(LIMITS, 2) * np.clip(action.T.astype(float), -1.0, 1.0)
-        x = (
-            made.A @ x
-            + made.B @ u
-            + made.road @ [np.sin(road), np.cos(road)]
-            + made.force @ [np.sin(force), np.cos(force)]
-        )
-        env.step(action)
-        np.testing.assert_allclose(env.states.T, x, rtol=0, atol=1e-12 * np.abs(x).max())
-
-
-@pytest.mark.parametrize("mode", ["SameStep", "NextStep"])
-def test_the_exact_method_has_the_same_episodes(mode):
-    """Starts, forces, ends and keys are those of RK4; the rest to the error of RK4."""
-    results = []
-    for method in ("rk4", "exact"):
-        env = QuarterCarHumpVectorEnv(70, duration=SHORT, method=method, autoreset_mode=mode)
-        rng = np.random.default_rng(0)
-        found = [(env.reset(seed=7)[0], *[None] * 3, {})]
-        found += [env.step(actions_for(env, rng)) for _ in range(280)]
-        results.append(found)
-    for a, b in zip(*results, strict=True):
-        assert sorted(a[4]) == sorted(b[4])
-        np.testing.assert_allclose(a[0], b[0], atol=1e-5)
-        for i in (2, 3):
-            assert np.array_equal(a[i], b[i])
-        if a[1] is not None:
-            np.testing.assert_allclose(a[1], b[1], atol=1e-5 * task.UNCONTROLLED_COST)
-            assert_same(a[4]["force"], b[4]["force"])
-
-
-def test_the_exact_method_in_single_precision_stays_close():
-    double, seen = run_to(QuarterCarHumpVectorEnv(3, method="exact", **FREE), 999, START)
-    single, shown = run_to(
-        QuarterCarHumpVectorEnv(3, method="exact", precision="single", **FREE), 999, START
-    )
-    assert np.abs(seen - shown).max() < 5e-4  # of the amplitudes, as for RK4
-    assert not np.array_equal(double, single)
-
-
-def test_the_exact_method_goes_through_pickle_and_threads(two_threads):
-    one = trajectory(QuarterCarHumpVectorEnv(300, duration=SHORT, method="exact"), 1)
-    env = QuarterCarHumpVectorEnv(300, method="exact", **two_threads)
-    assert np.array_equal(one, trajectory(pickle.loads(pickle.dumps(env)), 1))
-
-
-@pytest.mark.parametrize("name", ["paper-hump", "paper-randomised", "mathworks-train"])
-def test_the_exact_method_refuses_what_it_cannot_map(name):
-    with pytest.raises(ValueError, match=r"needs a harmonic road and no randomisation.*'rk4'"):
-        QuarterCarHumpVectorEnv(2, name, method="exact")
-
-
-@pytest.mark.parametrize("options", [{"scenario": "paper-hump"}, {"force_scale": [1.0, 0.5]}])
-def test_the_exact_method_refuses_cars_that_differ(options):
-    env = QuarterCarHumpVectorEnv(2, method="exact")
-    env.reset(seed=0, options={"force_scale": 1.0, "scenario": "paper"})  # what they have
-    with pytest.raises(ValueError, match="all cars share scenario 'paper'"):
-        env.reset(options=options)
-    assert env.scenario_of(0).name == "paper"
-    assert env.force_scale_of(1) == 1.0
-
-
 def test_a_car_takes_less_than_a_kilobyte():
     env = QuarterCarHumpVectorEnv(4096)
-    assert env._cars.nbytes / 4096 < 1000
+    assert env.nbytes / 4096 < 1000
 
 
 def test_states_are_those_of_the_plant():
@@ -610,3 +455,195 @@ def test_states_are_those_of_the_plant():
     single = QuarterCarHumpEnv()
     single.reset(seed=0, options={"state": [0.1, 0.2, 0.3, 0.4]})
     assert State(*env.states[0]) == single.state
+
+
+# What goes on while others are reset -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("observe", ["full", ("u1", "u2", "body_acceleration")])
+def test_cars_that_are_not_reset_are_shown_as_they_were(observe):
+    """Under the forces that their actuators hold, which the fleet once forgot."""
+    env = QuarterCarHumpVectorEnv(3, observe=observe, autoreset_mode="Disabled")
+    env.reset(seed=0)
+    seen = env.step(np.full((3, 2), 0.5, np.float32))[0]
+    again, _ = env.reset(options={"reset_mask": np.array([False, True, False])})
+    assert np.array_equal(again[[0, 2]], seen[[0, 2]])
+    assert not np.array_equal(again[1], seen[1])
+
+
+def rough(seed):
+    base = SCENARIOS["mathworks-hump"]
+    road = ISO8608.of_class("C", L=100.0, seed=seed, start=0.5)
+    return dataclasses.replace(base, name=f"rough-{seed}", road=road, speed=20.0, duration=SHORT)
+
+
+def test_a_car_stays_on_its_road_until_its_episode_is_over():
+    """A scenario that is assigned holds from the next episode on, also for the road's table."""
+    env, alone = (QuarterCarHumpVectorEnv(2, rough(1), autoreset_mode="SameStep") for _ in "ab")
+    env.reset(seed=0)
+    alone.reset(seed=0)
+    still = np.zeros((2, 1), np.float32)
+    env.step(still)
+    alone.step(still)
+    env.assign([0, 1], scenario=rough(2))
+    assert env.episode_of(0).name == "rough-1"
+    for k in range(119):
+        found, expected = env.step(still)[0], alone.step(still)[0]
+        assert np.array_equal(found, expected) or k == 118
+    assert env.episode_of(0).name == "rough-2"
+    other = QuarterCarHumpEnv(rough(2))
+    other.reset(seed=0)
+    other.reset()  # the second episode of its seed
+    assert np.array_equal(env.step(still)[0][0], other.step(still[0])[0])
+
+
+def test_a_scenario_set_on_one_car_holds_from_the_next_reset_on():
+    env, alone = QuarterCarHumpEnv(rough(1)), QuarterCarHumpEnv(rough(1))
+    still = np.zeros(1, np.float32)
+    env.reset(seed=0)
+    alone.reset(seed=0)
+    env.scenario = rough(2)
+    assert env.scenario.name == "rough-2"
+    assert env.episode.name == "rough-1"
+    for _ in range(100):
+        assert np.array_equal(env.step(still)[0], alone.step(still)[0])
+    env.reset()
+    assert env.episode.name == "rough-2"
+
+
+def test_numbers_that_are_alike_are_kept_once():
+    env = QuarterCarHumpVectorEnv(1000)
+    env.reset(seed=0)
+    once = env.nbytes
+    env.assign([0], force_scale=0.5)
+    assert env.nbytes > once
+    env.reset(options={"force_scale": 0.5})
+    assert env.nbytes == once
+    assert np.all(env.force_limits == [140.0, 16.5])
+
+
+# Actions in memory -------------------------------------------------------------------------------
+
+
+def test_actions_may_lie_in_memory_in_any_way():
+    action = np.random.default_rng(0).uniform(-1, 1, (130, 2)).astype(np.float32)
+    row = np.array([[0.25, -0.5]], np.float32)
+    kinds = {
+        "plain": action,
+        "fortran": np.asfortranarray(action),
+        "strided": np.repeat(action, 2, axis=0)[::2],
+        "float64": action.astype(np.float64),
+        "read-only": np.frombuffer(action.tobytes(), np.float32).reshape(130, 2),
+    }
+    found = {}
+    for name, given in kinds.items():
+        env = QuarterCarHumpVectorEnv(130)
+        env.reset(seed=0)
+        found[name] = env.step(given)[0]
+    assert all(np.array_equal(each, found["plain"]) for each in found.values())
+    env, other = QuarterCarHumpVectorEnv(130), QuarterCarHumpVectorEnv(130)
+    env.reset(seed=0)
+    other.reset(seed=0)
+    broadcast = np.broadcast_to(row, (130, 2))
+    assert np.array_equal(env.step(broadcast)[0], other.step(np.array(broadcast))[0])
+
+
+# Threads and interrupts --------------------------------------------------------------------------
+
+
+def test_two_threads_in_one_environment_are_told_apart():
+    env = QuarterCarHumpVectorEnv(20_000)
+    env.reset(seed=0)
+    action = np.zeros((20_000, 2), np.float32)
+    refused = []
+
+    def run():
+        for _ in range(50):
+            try:
+                env.step(action)
+            except RuntimeError as error:
+                refused.append(str(error))
+
+    threads = [threading.Thread(target=run) for _ in range(2)]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    assert refused
+    assert set(refused) == {"another thread is stepping these cars; give each its own"}
+    env.step(action)  # and it goes on
+
+
+def test_a_keyboard_interrupt_in_a_threaded_step_waits_for_the_workers(two_threads, monkeypatch):
+    """They write into arrays that would be freed otherwise."""
+    env = QuarterCarHumpVectorEnv(300, **two_threads)
+    env.reset(seed=0)
+    action = np.zeros((300, 2), np.float32)
+    env.step(action)  # makes the pool
+    step, finished = env._cars._step, threading.Event()
+
+    def interrupted(*args):
+        if threading.current_thread() is threading.main_thread():
+            raise KeyboardInterrupt
+        time.sleep(0.2)
+        finished.set()
+        return step(*args)
+
+    monkeypatch.setattr(env._cars, "_step", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        env.step(action)
+    assert finished.is_set()
+    monkeypatch.setattr(env._cars, "_step", step)
+    env.step(action)
+
+
+INTERRUPTED = """
+import os, signal, sys, threading, time
+import numpy as np
+from qcar_env.engine import cars
+cars.CARS_A_THREAD = 64
+from qcar_env.envs.vector import QuarterCarHumpVectorEnv
+env = QuarterCarHumpVectorEnv(4096, threads=2)
+env.reset(seed=0)
+action = np.zeros((4096, 2), np.float32)
+caught = 0
+threading.Thread(
+    target=lambda: [time.sleep(0.05) or os.kill(os.getpid(), signal.SIGINT) for _ in range(10)],
+    daemon=True,
+).start()
+end = time.monotonic() + 60
+while caught < 10 and time.monotonic() < end:
+    try:
+        env.step(action)
+    except KeyboardInterrupt:
+        caught += 1
+env.reset(seed=1)
+print("caught", caught, np.isfinite(env.step(action)[0]).all())
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs signals of Unix")
+def test_ctrl_c_does_not_crash_a_threaded_environment():
+    found = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=240
+    )
+    assert (found.returncode, found.stdout.strip()) == (0, "caught 10 True"), found.stderr
+
+
+# Time --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("precision", ["double", "single"])
+def test_episodes_end_in_time_beyond_what_single_precision_counts(precision):
+    """2^24 + 1 is no number of single precision; the clock is in double."""
+    last = 2**24 + 3
+    env = QuarterCarHumpVectorEnv(
+        2, max_episode_steps=last, precision=precision, autoreset_mode="Disabled"
+    )
+    env.reset(seed=0, options={"state": np.zeros(4)})
+    env.stagger(np.array([last - 3, last - 2]))
+    still = np.zeros((2, 2), np.float32)
+    ends = np.array([env.step(still)[3] for _ in range(2)])
+    assert ends.tolist() == [[False, False], [False, True]]
+    env.reset(options={"reset_mask": np.array([False, True])})
+    assert env.step(still)[3].tolist() == [True, False]

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 from baselines import catalogue
-from qcar_env.evaluation import benchmark
-from qcar_env.evaluation.benchmark import Row, findings, standings
-from qcar_env.evaluation.tracks import track
+from qcar_env.evaluation import leaderboard
+from qcar_env.evaluation.benchmark import run
+from qcar_env.evaluation.bounds import optimum_of
+from qcar_env.evaluation.score import Row, for_track, score
+from qcar_env.evaluation.standings import findings, standings
+from qcar_env.evaluation.tracks import Track, track
+from qcar_env.parts.spring import CubicSpring
+from qcar_env.scenarios import scenario
 
 SHORT = dataclasses.replace(track("budget"), duration=1.0, periods=3, episodes=3)
 BLANK = {
@@ -35,14 +40,7 @@ def rows(policy, kind, values, where="budget", scale=0.5):
 
 def test_a_row_holds_the_metrics_of_its_crossing():
     nominal = SHORT.at(0.5)
-    found = benchmark.score(
-        catalogue.make("cnvc", nominal),
-        SHORT,
-        0.5,
-        name="cnvc",
-        kind="published",
-        reads="feedback",
-    )
+    found = score(catalogue.make("cnvc", nominal), SHORT, 0.5, name="cnvc", kind="published")
     assert [row.episode for row in found.rows] == [0, 1, 2]
     a1, a2 = nominal.reference_amplitudes
     for row in found.rows:
@@ -53,16 +51,14 @@ def test_a_row_holds_the_metrics_of_its_crossing():
         assert 0.0 <= row.settling_time <= SHORT.duration
         assert not row.terminated
     assert found.history.x.shape == (len(found.history.t), 4)
-    renamed = benchmark.for_track(found, track("paper"))
+    renamed = for_track(found, track("paper"))
     assert {row.track for row in renamed.rows} == {"paper"}
 
 
 def test_a_policy_that_reads_more_than_is_shown_is_refused():
     blind = dataclasses.replace(SHORT, observe="feedback")
     with pytest.raises(ValueError, match="shows the state alone, policy 'x' reads 'full'"):
-        benchmark.score(
-            catalogue.make("lqr-feedforward"), blind, 1.0, name="x", kind="yours", reads="full"
-        )
+        score(catalogue.make("lqr-feedforward"), blind, 1.0, name="x", kind="yours")
 
 
 def test_standings_are_ranked_and_against_cnvc():
@@ -105,8 +101,50 @@ def test_what_is_found_is_said_whichever_way_it_goes(linear, cubic, said):
 
 
 def test_the_optimum_of_crossings_that_are_alike_knows_the_control_interval():
-    alike = benchmark.optimum_of(SHORT, 0.5)
+    alike = optimum_of(SHORT, 0.5)
     assert len(alike) == 3
     assert alike[0].lower <= alike[0].upper <= alike[0].held * 1.01
     varied = dataclasses.replace(track("randomised"), episodes=2)
-    assert [bound.held for bound in benchmark.optimum_of(varied, 0.5)] == [None, None]
+    assert [bound.held for bound in optimum_of(varied, 0.5)] == [None, None]
+
+
+CROSSING = Track(
+    name="hump",
+    version=1,
+    title="A passenger car over a hump",
+    scenario="mathworks-hump",
+    force_scales=(0.5,),
+    episodes=3,
+    duration=1.5,
+    periods=None,
+)
+
+
+def test_a_hump_has_the_optimum_of_its_whole_crossing():
+    outcome = run([CROSSING], [catalogue.entry("none"), catalogue.entry("skyhook")])
+    assert not outcome.failures
+    bounds = outcome.bounds[("hump", 0.5)]
+    assert len(bounds) == 3
+    for row in outcome.rows:
+        bound = bounds[row.episode]
+        assert bound.lower <= bound.upper
+        # RK4 and the exact map of the program agree to 1e-6 of the motion
+        assert row.rho >= bound.lower * (1.0 - 1e-4)
+    text = leaderboard.leaderboard(outcome)
+    assert "amplitudes over the whole crossing" in text
+    assert "*optimum*" in text
+
+
+def test_a_car_that_is_not_linear_is_ranked_without_an_optimum():
+    hump = scenario("mathworks-hump")
+    spring = CubicSpring(k=16_000.0, k3=2e6)
+    stiff = dataclasses.replace(hump, car=dataclasses.replace(hump.car, spring=spring))
+    own = dataclasses.replace(CROSSING, scenario=stiff)
+    names = ("none", "cnvc", "groundhook", "lqr")
+    outcome = run([own], [catalogue.entry(name) for name in names])
+    assert [each.policy for each in outcome.failures] == ["lqr"]  # it is designed on a linear car
+    assert "must be linear" in outcome.failures[0].error
+    assert outcome.bounds[("hump", 0.5)] == ()
+    assert all(np.isnan(each.optimum) for each in outcome.standings)
+    assert "*optimum*" not in leaderboard.leaderboard(outcome)
+    assert any("no optimum is known" in each for each in leaderboard.summary(outcome))

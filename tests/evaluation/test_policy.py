@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from qcar_env.evaluation.batch_rollouts import Crossings, batch_rollout
-from qcar_env.evaluation.benchmark import may_enter
-from qcar_env.evaluation.rollouts import rollout
+from qcar_env.evaluation.entry import may_enter
+from qcar_env.evaluation.rollouts import rollout, rollouts
 from qcar_env.evaluation.tracks import episodes, track
 from qcar_env.scenarios import scenario
 
@@ -27,7 +26,7 @@ def alone(policy):
 
 
 def together(policy):
-    return batch_rollout(policy, CASES, duration=0.1)
+    return rollouts(policy, CASES, duration=0.1)
 
 
 @pytest.mark.parametrize("run", [alone, together])
@@ -51,13 +50,13 @@ def test_what_is_no_policy_is_refused(run, policy, message):
 @pytest.mark.parametrize("given", [CASES[0], None, "paper", [None]])
 def test_what_are_no_crossings_is_refused(given):
     with pytest.raises(ValueError, match=r"episodes must be a sequence of Episode, got .*; take"):
-        Crossings(given)
+        rollouts(Returns(None), given)
 
 
 def test_numbers_and_names_out_of_range_are_refused():
-    with pytest.raises(ValueError, match="times must be at least 1, got 0; give 1 or more"):
-        Crossings(CASES).repeated(0)
+    with pytest.raises(ValueError, match="last must be at least 1, got 0; give 1 or more"):
+        rollouts(Returns(None), CASES, last=0)
     with pytest.raises(ValueError, match="seed must be at least 0, got -1; give 0 or more"):
         rollout(Returns(None), scenario("paper"), seed=-1)
-    with pytest.raises(ValueError, match="unknown reads 'ful'; did you mean 'full'"):
+    with pytest.raises(ValueError, match="unknown observe 'ful'; did you mean 'full'"):
         may_enter("ful", track("paper"))

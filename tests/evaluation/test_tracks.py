@@ -3,8 +3,28 @@ import dataclasses
 import numpy as np
 import pytest
 
+from baselines import catalogue
 from qcar_env.evaluation import tracks
-from qcar_env.evaluation.tracks import TRACKS, episodes, track
+from qcar_env.evaluation.score import score
+from qcar_env.evaluation.tracks import TRACKS, Track, episodes, track
+from qcar_env.parts.spring import CubicSpring
+from qcar_env.scenarios import Uniform, Vary, scenario
+
+PAPER_CROSSING = (
+    -0.028035910828983154,
+    -0.1498915737976206,
+    8.681360364792353,
+    1.002978777907892,
+    3.627106450440241,
+)
+RANDOMISED_CROSSING = (
+    1.2695952319348809,
+    0.8420372956289226,
+    0.9767503212605535,
+    1.0997886283966534,
+    0.9686147220352388,
+    1.5700387102679079,
+)
 
 
 @pytest.mark.parametrize("name", list(TRACKS))
@@ -40,9 +60,69 @@ def test_draws_are_the_same_at_every_force_limit():
 
 def test_a_latin_hypercube_has_one_value_in_each_cell():
     each = track("randomised")
-    heights = [e.factors.height for e in episodes(each, force_scale=1.0)]
+    heights = [e.drawn["road.h"] for e in episodes(each, force_scale=1.0)]
     cells = np.floor((np.array(heights) - 0.5) * each.episodes).astype(int)
     assert sorted(cells) == list(range(each.episodes))
+
+
+def test_sets_are_those_of_version_0_1_0():
+    # Made with that version: the second crossing of each held-out set.
+    crossing = episodes(track("paper"), force_scale=1.0)[1]
+    assert (*crossing.state, crossing.phase) == PAPER_CROSSING
+    case = episodes(track("randomised"), force_scale=0.25)[1]
+    assert (*case.drawn.values(), case.phase) == RANDOMISED_CROSSING
+    assert list(case.drawn) == ["road.h", "force.f", "speed", "car.omega2", "car.omega1"]
+    height, force, speed, load, wheel = case.drawn.values()
+    nominal, found = track("randomised").at(0.25), case.scenario
+    assert found.excitation.h == pytest.approx(0.1 * height, rel=1e-15)
+    assert found.excitation.omega == pytest.approx(55.0 * speed, rel=1e-15)
+    assert found.force.Omega == pytest.approx(55.0 * speed, rel=1e-15)
+    assert found.force.f == pytest.approx(24.8 * force / load, rel=1e-15)
+    assert found.car.mu1 == pytest.approx(2510.0 / wheel, rel=1e-15)
+    limits = (70.0 / wheel, 8.25 / load)
+    assert found.actuator.limit == pytest.approx(limits, rel=1e-15)
+    assert nominal.actuator.limit == (70.0, 8.25)
+
+
+def test_a_track_takes_a_scenario_of_any_parts():
+    hump = scenario("mathworks-hump")
+    drawn = dataclasses.replace(
+        hump,
+        car=dataclasses.replace(hump.car, spring=CubicSpring(k=16_000.0, k3=2e6)),
+        randomisation=(Vary(by=Uniform(low=0.5, high=1.5), numbers=("car.m2",)),),
+    )
+    for own in (hump, drawn):
+        mine = Track(
+            name="mine", version=1, title="", scenario=own, force_scales=(1.0,), episodes=4,
+            duration=2.0, periods=None,
+        )  # fmt: skip
+        assert hash(mine) == hash(dataclasses.replace(mine))
+        cases = episodes(mine, force_scale=0.5)
+        assert {each.phase for each in cases} == {0.0}  # humps come when they come
+        assert cases[0].scenario.duration == 2.0
+        policy = catalogue.make("skyhook", mine.at(0.5))
+        found = score(policy, mine, 0.5, name="skyhook", kind="published")
+        assert len(found.rows) == 4
+        assert all(0.0 < row.rho < 3.0 for row in found.rows)
+        assert [row.drawn.startswith("car.m2 ") for row in found.rows] == [own is drawn] * 4
+    masses = sorted(each.scenario.car.m2 / 300.0 for each in cases)
+    assert np.floor((np.array(masses) - 0.5) * 4).tolist() == [0.0, 1.0, 2.0, 3.0]
+
+
+def test_a_length_and_a_limit_of_its_own_leave_the_scales_as_they_are():
+    hump = scenario("mathworks-hump")
+    mine = Track(
+        name="mine", version=1, title="", scenario=hump, force_scales=(1.0,), duration=1.0,
+        periods=None,
+    )  # fmt: skip
+    scales = hump.reference.scales
+    assert mine.at(0.25).reference.scales == scales
+
+
+def test_periods_are_refused_by_name_where_there_are_none():
+    message = r"track 'mine' takes amplitudes over its last 20 periods.*'mathworks-hump' is not har"
+    with pytest.raises(ValueError, match=message):
+        Track(name="mine", version=1, title="", scenario="mathworks-hump", force_scales=(1.0,))
 
 
 def test_the_first_crossing_of_a_fixed_scenario_starts_from_rest():

@@ -38,10 +38,11 @@ def points(draw, behind: bool, falling: bool):
 
 
 LIMIT = floats(1.0, 1e4)
+POSITIVE = st.builds(lambda x, power: x * 10.0**power, floats(1.0, 10.0), st.integers(-3, 5))
 NUMBERS = {
-    validation.finite: floats(-1e6, 1e6),
-    validation.positive: floats(1e-3, 1e6),
-    validation.non_negative: st.just(0.0) | floats(1e-3, 1e6),
+    validation.finite: POSITIVE | POSITIVE.map(lambda x: -x),
+    validation.positive: POSITIVE,
+    validation.non_negative: POSITIVE | POSITIVE | st.just(0.0),
 }
 TUPLES = {table.several, table.rising, table.not_falling}
 
@@ -62,7 +63,7 @@ def parts(draw, kind):
             continue
         if each.name == "limit":
             given["limit"] = draw(st.tuples(*[LIMIT] * kind.size))
-        elif each.default is dataclasses.MISSING or draw(st.booleans()):
+        elif each.default is dataclasses.MISSING or draw(st.integers(0, 3)):
             given[each.name] = draw(NUMBERS[each.metadata["check"]])
     try:
         return kind(**given)

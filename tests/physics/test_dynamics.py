@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.dynamics import Coefficients, Forcing, accelerations, forcing_by, rate
+from qcar_env.physics.car import PAPER_FUNCTIONS, PaperCar, QuarterCar
+from qcar_env.physics.motion import Input
 from qcar_env.physics.state import State
 
 
@@ -33,7 +33,27 @@ parts = st.builds(
 )
 state = st.from_type(State)
 number = st.floats(-100.0, 100.0)
-ROAD_AT_REST = Forcing(0.0, 0.0)
+
+
+def forcing_by(y, y_dot, F, car):
+    """Return what road and external force do to a car."""
+    functions = car.functions
+    return Input(functions.road_input(y, y_dot, functions.prepare(car.numbers)), F)
+
+
+def rate(x, forcing, u1, u2, car):
+    """Return the rate of a car's state; `forcing` is None on a road at rest."""
+    functions = car.functions
+    forcing = forcing or forcing_by(0.0, 0.0, 0.0, car)
+    return functions.rate(x, forcing, u1, u2, functions.prepare(car.numbers))
+
+
+def accelerations(x, u1, u2, forcing, car):
+    """Return the accelerations of wheel and body."""
+    return tuple(rate(x, forcing, u1, u2, car))[2:]
+
+
+ROAD_AT_REST = None
 
 
 def energy(x: State, p: Parts) -> float:
@@ -58,7 +78,7 @@ def power(x: State, xdot: State, p: Parts) -> tuple[float, float]:
 
 @given(p=parts, x=state, y=st.floats(-0.2, 0.2), y_dot=number, reciprocal=st.booleans())
 def test_the_coefficients_reproduce_the_printed_physical_equations(p, x, y, y_dot, reciprocal):
-    car = QuarterCar.from_physical(*p, reciprocal=reciprocal)
+    car = PaperCar.from_physical(*p, reciprocal=reciprocal)
     a1, a2 = accelerations(x, 0.0, 0.0, forcing_by(y, y_dot, 0.0, car), car)
     wheel = [p.m1 * a1, (p.c1 + p.c2) * x.v1, -p.c2 * x.v2, (p.k1 + p.k2) * x.x1, -p.k2 * x.x2]
     tyre = [-p.k1 * y, -p.c1 * y_dot]
@@ -71,7 +91,7 @@ def test_the_coefficients_reproduce_the_printed_physical_equations(p, x, y, y_do
 
 @given(p=parts, x=state, y=st.floats(-0.2, 0.2), y_dot=number, F=number, u1=number, u2=number)
 def test_the_suspension_pushes_both_masses_with_opposite_forces(p, x, y, y_dot, F, u1, u2):
-    car = QuarterCar.from_physical(*p)
+    car = PaperCar.from_physical(*p)
     a1, a2 = accelerations(x, u1, u2, forcing_by(y, y_dot, F, car), car)
     outside = [
         p.k1 * y, -p.k1 * x.x1, p.c1 * y_dot, -p.c1 * x.v1, p.m1 * u1, p.m2 * u2, p.m2 * F
@@ -84,7 +104,7 @@ def test_the_suspension_pushes_both_masses_with_opposite_forces(p, x, y, y_dot, 
 @given(p=parts, x=state)
 def test_an_undriven_reciprocal_car_loses_the_dampers_power(p, x):
     """d(energy)/dt = -c1 v1^2 - c2 (v1 - v2)^2, which is never positive."""
-    xdot = rate(x, ROAD_AT_REST, 0.0, 0.0, QuarterCar.from_physical(*p))
+    xdot = rate(x, ROAD_AT_REST, 0.0, 0.0, PaperCar.from_physical(*p))
     found, scale = power(x, xdot, p)
     lost = p.c1 * x.v1**2 + p.c2 * (x.v1 - x.v2) ** 2
     assert found == pytest.approx(-lost, abs=1e-14 * scale)
@@ -93,7 +113,7 @@ def test_an_undriven_reciprocal_car_loses_the_dampers_power(p, x):
 @given(p=parts, x=state)
 def test_the_printed_coupling_adds_or_takes_power_without_a_source(p, x):
     """With E3 = k1 / m2 there is an extra (k1 - k2) x1 v2: erratum 6."""
-    xdot = rate(x, ROAD_AT_REST, 0.0, 0.0, QuarterCar.from_physical(*p, reciprocal=False))
+    xdot = rate(x, ROAD_AT_REST, 0.0, 0.0, PaperCar.from_physical(*p, reciprocal=False))
     found, scale = power(x, xdot, p)
     extra = (p.k1 - p.k2) * x.x1 * x.v2
     lost = p.c1 * x.v1**2 + p.c2 * (x.v1 - x.v2) ** 2
@@ -101,19 +121,19 @@ def test_the_printed_coupling_adds_or_takes_power_without_a_source(p, x):
 
 
 @given(...)
-def test_the_rate_of_a_position_is_its_velocity(x: State, car: QuarterCar):
+def test_the_rate_of_a_position_is_its_velocity(x: State, car: PaperCar):
     xdot = rate(x, ROAD_AT_REST, 0.0, 0.0, car)
     assert (xdot.x1, xdot.x2) == (x.v1, x.v2)
     assert (xdot.v1, xdot.v2) == accelerations(x, 0.0, 0.0, ROAD_AT_REST, car)
 
 
 @given(...)
-def test_a_car_at_rest_on_a_flat_road_stays(car: QuarterCar):
+def test_a_car_at_rest_on_a_flat_road_stays(car: PaperCar):
     assert rate(State(0.0, 0.0, 0.0, 0.0), ROAD_AT_REST, 0.0, 0.0, car) == (0.0, 0.0, 0.0, 0.0)
 
 
 @given(...)
-def test_upward_forces_push_their_own_mass_up(car: QuarterCar):
+def test_upward_forces_push_their_own_mass_up(car: PaperCar):
     rest = State(0.0, 0.0, 0.0, 0.0)
     assert accelerations(rest, 1.0, 0.0, ROAD_AT_REST, car) == (1.0, 0.0)
     assert accelerations(rest, 0.0, 1.0, ROAD_AT_REST, car) == (0.0, 1.0)
@@ -122,20 +142,28 @@ def test_upward_forces_push_their_own_mass_up(car: QuarterCar):
     assert accelerations(rest, 0.0, 0.0, forcing_by(0.0, 1.0, 0.0, car), car) == (car.mu2, 0.0)
 
 
-@given(...)
-def test_named_coefficients_serve_as_well_as_the_car(x: State, car: QuarterCar):
-    forcing = forcing_by(0.1, -0.3, 5.0, car)
-    assert forcing == forcing_by(0.1, -0.3, 5.0, car.coefficients)
-    assert rate(x, forcing, 1.0, 2.0, car) == rate(x, forcing, 1.0, 2.0, car.coefficients)
+@given(p=parts, x=state, y=st.floats(-0.2, 0.2), y_dot=number, F=number, u1=number, u2=number)
+def test_a_car_of_linear_parts_has_the_same_equations(p, x, y, y_dot, F, u1, u2):
+    coefficients, made = PaperCar.from_physical(*p), QuarterCar.from_physical(*p)
+    found, expected = (
+        rate(x, forcing_by(y, y_dot, F, car), u1, u2, car) for car in (made, coefficients)
+    )
+    forces = [p.k1 * y, p.k1 * x.x1, p.c1 * y_dot, p.c1 * x.v1, p.k2 * x.x1, p.k2 * x.x2]
+    forces += [p.c2 * x.v1, p.c2 * x.v2]
+    size = sum(map(abs, forces)) * (1 / p.m1 + 1 / p.m2) + abs(F) + abs(u1) + abs(u2)
+    # a dozen roundings each
+    assert found == pytest.approx(expected, rel=1e-15, abs=1e-14 * size)
 
 
 def test_floats_arrays_and_tensors_give_the_same_bits(same_bits):
     rng = np.random.default_rng(1)
     n = 257  # no multiple of a vector register, so that numpy's remainder loop runs as well
     x = State(*rng.normal(size=(4, n)))
-    forcing = Forcing(*rng.normal(size=(2, n)))
-    car = Coefficients(*rng.uniform(0.0, 60.0, size=(9, n)))
-    u1, u2 = rng.normal(size=(2, n))
-    same_bits(accelerations, x, u1, u2, forcing, car)
-    same_bits(rate, x, forcing, u1, u2, car)
-    same_bits(forcing_by, *rng.normal(size=(3, n)), car)
+    coefficients = type(PaperCar.from_physical(*[1.0] * 6).numbers)(
+        *rng.uniform(0.0, 60.0, size=(9, n))
+    )
+    y, y_dot, F, u1, u2 = rng.normal(size=(5, n))
+    same_bits(PAPER_FUNCTIONS.road_input, y, y_dot, coefficients)
+    input = Input(PAPER_FUNCTIONS.road_input(y, y_dot, coefficients), F)
+    same_bits(PAPER_FUNCTIONS.rate, x, input, u1, u2, coefficients)
+    same_bits(PAPER_FUNCTIONS.kick, x, y, coefficients)

@@ -1,41 +1,91 @@
 """The linear truth: matrices, exact transition, modes and steady state."""
 
+import dataclasses
 import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, strategies as st
 from scipy.integrate import solve_ivp
 
-from qcar_env.physics import linear, motion, roads
-from qcar_env.physics.car import QuarterCar
-from qcar_env.physics.dynamics import forcing_by, rate
+from qcar_env.parts.actuator import (
+    IndependentActuators,
+    LaggedSuspensionActuator,
+    SemiActiveDamper,
+    SuspensionActuator,
+)
+from qcar_env.parts.spring import CubicSpring, Stops
+from qcar_env.parts.tyre import LiftOffTyre
+from qcar_env.physics import linear, motion
+from qcar_env.physics.car import PaperCar, QuarterCar
 from qcar_env.physics.external_force import ExternalForce
-from qcar_env.physics.roads import Road
+from qcar_env.physics.motion import Input, Phasors
+from qcar_env.physics.rk4 import step_fractions
 from qcar_env.physics.state import State
+from qcar_env.roads import excitation as roads
+from qcar_env.roads.excitation import Excitation
 
-PAPER = QuarterCar(
+PAPER = PaperCar(
     omega1=55.0, omega2=55.0, b1=8.7, b2=0.71, E1=0.5, E2=3.4, E3=0.5, mu1=2510.0, mu2=16.0
 )
 PAPER_ROAD = roads.harmonic(h=0.1, omega=55.0)
 PAPER_FORCE = ExternalForce(f=24.8, Omega=55.0)
-MATHWORKS = QuarterCar.from_physical(
-    m1=60.0, m2=300.0, k1=190_000.0, k2=16_000.0, c1=0.0, c2=1_000.0
-)
-UNDAMPED = QuarterCar.from_physical(60.0, 300.0, 190e3, 16e3, 0.0, 0.0)
+MATHWORKS = PaperCar.from_physical(m1=60.0, m2=300.0, k1=190_000.0, k2=16_000.0, c1=0.0, c2=1_000.0)
+UNDAMPED = PaperCar.from_physical(60.0, 300.0, 190e3, 16e3, 0.0, 0.0)
 harmonic = st.builds(roads.harmonic, h=st.floats(-0.2, 0.2), omega=st.floats(1.0, 100.0))
 
 
+def test_the_matrices_are_those_of_equations_3_and_4():
+    found = linear.matrices(PAPER)
+    np.testing.assert_array_equal(
+        found.A,
+        [[0, 0, 1, 0], [0, 0, 0, 1], [-(55.0**2), 0.5, -8.7, 3.4], [0.5, -(55.0**2), 0.71, -0.71]],
+    )
+    np.testing.assert_array_equal(found.B, [[0, 0], [0, 0], [1, 0], [0, 1]])
+    np.testing.assert_array_equal(found.R, [[0, 0, 0], [0, 0, 0], [2510, 16, 0], [0, 0, 1]])
+
+
 @given(...)
-def test_the_matrices_are_those_of_the_equations(car: QuarterCar, x: State):
+def test_the_matrices_stand_for_the_rate(car: PaperCar, x: State):
     u, w = np.array([3.0, -5.0]), (0.1, -2.0, 7.0)
-    expected = rate(x, forcing_by(*w, car), *u, car)
-    found = linear.system_matrix(car) @ np.array(x)
-    found = found + linear.input_matrix() @ u + linear.forcing_matrix(car) @ np.array(w)
+    input = Input(car.functions.road_input(*w[:2], car.numbers), w[2])
+    expected = car.functions.rate(x, input, *u, car.numbers)
+    plant = linear.matrices(car)
+    found = plant.A @ np.array(x) + plant.B @ u + plant.R @ np.array(w)
     # a dozen terms in another order, each rounded to 1.1e-16 of the largest
-    scale = np.max(np.abs(linear.system_matrix(car))) * (np.max(np.abs(x)) + 1.0) + 1e4
+    scale = np.max(np.abs(plant.A)) * (np.max(np.abs(x)) + 1.0) + 1e4
     assert found == pytest.approx(np.array(expected), abs=1e-14 * scale)
+
+
+@pytest.mark.parametrize(
+    ("extra", "named"),
+    [  # what joins x2'': a cubic spring, friction, a stop at 0.5 m, an offset, two mixtures
+        (lambda x, u1: -1e-3 * (x.x2 - x.x1) * (x.x2 - x.x1) * (x.x2 - x.x1), "x1, x2"),
+        (lambda x, u1: -1e-3 * abs(x.v2 - x.v1), "v1, v2"),
+        (lambda x, u1: -1e3 * (x.x2 > 0.5) * (x.x2 - 0.5), "x2"),
+        (lambda x, u1: 9.81, "x1, x2, v1, v2, u1, u2, y, y', F"),
+        (lambda x, u1: 1e-3 * x.v1 * u1, "the inputs taken together"),
+        (lambda x, u1: 1e-3 * x.x1 * x.v2, "the inputs taken together"),
+    ],
+)
+def test_a_plant_that_is_not_linear_is_refused_by_name(extra, named):
+    def rate(x, input, u1, u2, c):
+        found = PAPER.functions.rate(x, input, u1, u2, c)
+        return found._replace(v2=found.v2 + extra(x, u1))
+
+    bent = SimpleNamespace(numbers=PAPER.numbers, functions=PAPER.functions._replace(rate=rate))
+    message = f"the car must be linear, got x2'' out of proportion to {named}; give it linear parts"
+    for refuse in (
+        lambda: linear.matrices(bent),
+        lambda: linear.poles(bent),
+        lambda: linear.steady_state(bent, PAPER_ROAD, PAPER_FORCE),
+        lambda: linear.exact_transition(bent, PAPER_ROAD, PAPER_FORCE, 0.005),
+        lambda: linear.rk4_transition(bent, PAPER_ROAD, PAPER_FORCE, 0.005, 4),
+    ):
+        with pytest.raises(ValueError, match=message):
+            refuse()
 
 
 # Transitions ------------------------------------------------------------------------------------
@@ -45,13 +95,15 @@ def test_the_exact_transition_agrees_with_dop853(crossings):
     for each in crossings:
         x = np.array(each.x0)
         for begin, end in itertools.pairwise(each.edges):
-            middle = each.road.phasor(0.5 * (begin + end))
-            if each.road.profile == "harmonic":
-                phasor = each.road.phasor(begin)
-            elif each.road.profile == "step":
-                phasor = middle
+            angle = each.road.omega * begin
+            raised = abs(float(each.road.height(0.5 * (begin + end)))) > 0.0
+            if each.profile == "harmonic":
+                phasor = (math.sin(angle), math.cos(angle))
+            elif each.profile == "step":
+                phasor = (float(raised), 0.0)
+                x[2] += each.car.mu2 * each.road.h * raised * (begin > 0.0)  # the jump
             else:
-                phasor = (0.0, 1.0 if middle.s > 0.0 else 0.0)
+                phasor = (0.0, float(raised))
             t = linear.exact_transition(each.car, each.road, each.force, end - begin)
             x = t.A @ x + t.B @ np.array(each.u) + t.road @ np.array(phasor, dtype=float)
             x += t.force @ np.array(each.force.phasor(begin), dtype=float)
@@ -59,7 +111,7 @@ def test_the_exact_transition_agrees_with_dop853(crossings):
         assert np.max(np.abs(x - each.truth) / each.scale) < 1e-10
 
 
-@given(car=st.from_type(QuarterCar), a=st.floats(1e-3, 0.1), b=st.floats(1e-3, 0.1))
+@given(car=st.from_type(PaperCar), a=st.floats(1e-3, 0.1), b=st.floats(1e-3, 0.1))
 def test_two_transitions_make_one(car, a, b):
     road, force = PAPER_ROAD, PAPER_FORCE
     first, second, both = (
@@ -81,7 +133,7 @@ def whole_matrix(transition, road, force):
     return m
 
 
-@given(car=st.from_type(QuarterCar), dt=st.floats(1e-3, 0.1))
+@given(car=st.from_type(PaperCar), dt=st.floats(1e-3, 0.1))
 def test_the_held_transition_is_the_same_map_without_the_world(car, dt):
     A, B = linear.held_transition(car, dt)
     full = linear.exact_transition(car, PAPER_ROAD, PAPER_FORCE, dt)
@@ -91,7 +143,7 @@ def test_the_held_transition_is_the_same_map_without_the_world(car, dt):
 
 
 @given(
-    car=st.from_type(QuarterCar),
+    car=st.from_type(PaperCar),
     x=st.from_type(State),
     force=st.from_type(ExternalForce),
     road=harmonic,
@@ -100,19 +152,23 @@ def test_the_held_transition_is_the_same_map_without_the_world(car, dt):
 )
 def test_the_rk4_transition_is_what_the_integrator_does(car, x, force, road, t, substeps):
     dt, u = 0.005, (20.0, -30.0)
-    plant = motion.plant(car, road, force, dt / substeps)
-    world = motion.world_at(t, road, force)
-    found, _, _ = motion.interval(x, world, road.next_kink(t), t, dt, substeps, *u, plant)
+    functions, c, h, omega = car.functions, car.numbers, road.h, road.omega
+    start = phasors = Phasors(motion.angle(omega * t), motion.angle(force.Omega * t))
+    road_s, road_c = functions.road_input(h, 0.0, c), functions.road_input(0.0, h * omega, c)
+    prepared = motion.turning(road_s, road_c, force.f, omega, force.Omega, dt / substeps)
+    found, step = x, step_fractions(dt / substeps)
+    for _ in range(substeps):
+        found, phasors = motion.turning_step(functions.rate, found, phasors, prepared, step, *u, c)
     m = linear.rk4_transition(car, road, force, dt, substeps)
     expected = m.A @ np.array(x) + m.B @ np.array(u)
-    expected += m.road @ np.array(world.road) + m.force @ np.array(world.force)
+    expected += m.road @ np.array(start.road) + m.force @ np.array(start.force)
     # a few dozen roundings of each term, in another order
     scale = np.linalg.norm(m.A) * (np.max(np.abs(x)) + 1.0) + 30.0
     assert np.array(found) == pytest.approx(expected, abs=1e-13 * scale)
 
 
 @given(...)
-def test_the_rk4_transition_converges_to_the_exact_one(car: QuarterCar, force: ExternalForce):
+def test_the_rk4_transition_converges_to_the_exact_one(car: PaperCar, force: ExternalForce):
     road = PAPER_ROAD
     dt = 0.2 / max(np.max(np.abs(linear.poles(car))), road.omega, force.Omega)
     exact = whole_matrix(linear.exact_transition(car, road, force, dt), road, force)
@@ -149,7 +205,7 @@ def test_the_poles_of_the_papers_car_slowest_first():
 
 
 @given(...)
-def test_the_poles_have_the_sum_and_product_of_the_characteristic_polynomial(car: QuarterCar):
+def test_the_poles_have_the_sum_and_product_of_the_characteristic_polynomial(car: PaperCar):
     found = linear.poles(car)
     assert found.sum() == pytest.approx(-(car.b1 + car.b2), rel=1e-9, abs=1e-9)
     static = car.omega1**2 * car.omega2**2 - car.E1 * car.E3
@@ -173,7 +229,7 @@ def test_the_modes_of_a_printed_car():
     m1=st.floats(20, 100), m2=st.floats(150, 900), k1=st.floats(1e5, 3e5), k2=st.floats(1e4, 5e4)
 )
 def test_undamped_modes_are_orthogonal_and_have_rayleighs_frequency(m1, m2, k1, k2):
-    slow, fast = linear.modes(QuarterCar.from_physical(m1, m2, k1, k2, 0.0, 0.0))
+    slow, fast = linear.modes(PaperCar.from_physical(m1, m2, k1, k2, 0.0, 0.0))
     assert (slow.damping_ratio, fast.damping_ratio) == pytest.approx((0.0, 0.0), abs=1e-9)
     M, K = np.diag([m1, m2]), np.array([[k1 + k2, -k2], [-k2, k2]])
     for mode in (slow, fast):
@@ -185,7 +241,7 @@ def test_undamped_modes_are_orthogonal_and_have_rayleighs_frequency(m1, m2, k1, 
 
 
 def test_an_overdamped_mode_counts_once_for_each_real_pole():
-    car = QuarterCar.from_physical(60.0, 300.0, 190e3, 16e3, 0.0, 10e3)
+    car = PaperCar.from_physical(60.0, 300.0, 190e3, 16e3, 0.0, 10e3)
     found = linear.modes(car)
     assert len(found) == 3
     assert [mode.damping_ratio for mode in found if mode.shape[0].imag == 0.0] == [1.0, 1.0]
@@ -196,7 +252,7 @@ def test_an_overdamped_mode_counts_once_for_each_real_pole():
 
 
 @given(
-    car=st.from_type(QuarterCar),
+    car=st.from_type(PaperCar),
     road=harmonic,
     force=st.from_type(ExternalForce),
     t=st.floats(0, 9),
@@ -206,10 +262,11 @@ def test_the_steady_state_obeys_the_equations_of_motion(car, road, force, t):
     steady = linear.steady_state(car, road, force)
     omegas = ((steady.road, steady.omega), (steady.force, steady.Omega))
     xdot = sum(np.real(1j * omega * X * np.exp(1j * omega * t)) for X, omega in omegas)
-    w = forcing_by(float(road.height(t)), float(road.rate(t)), float(force.value(t)), car)
-    expected = rate(State(*steady.state(t)), w, 0.0, 0.0, car)
+    on_road = car.functions.road_input(float(road.height(t)), float(road.rate(t)), car.numbers)
+    input = Input(on_road, float(force.value(t)))
+    expected = car.functions.rate(State(*steady.state(t)), input, 0.0, 0.0, car.numbers)
     # the solve loses what the condition of i omega - A takes, which is largest near resonance
-    scale = np.max(np.abs(linear.system_matrix(car))) * sum(np.max(np.abs(X)) for X, _ in omegas)
+    scale = np.max(np.abs(linear.matrices(car).A)) * sum(np.max(np.abs(X)) for X, _ in omegas)
     assert xdot == pytest.approx(np.array(expected), abs=1e-10 * (scale + 1.0))
 
 
@@ -223,7 +280,7 @@ def test_the_steady_state_obeys_the_equations_of_motion(car, road, force, t):
     ],
 )
 def test_a_long_integration_ends_in_the_steady_state(car, road, force, settle):
-    A, R = linear.system_matrix(car), linear.forcing_matrix(car)
+    A, R = linear.matrices(car).A, linear.matrices(car).R
     h, omega, f, Omega = road.h, road.omega, force.f, force.Omega
 
     def derivative(t, x):
@@ -236,7 +293,7 @@ def test_a_long_integration_ends_in_the_steady_state(car, road, force, settle):
     assert np.abs(found.y[:, -1] - steady.state(settle)) / scale == pytest.approx(0.0, abs=1e-6)
 
 
-@given(car=st.from_type(QuarterCar), road=harmonic, f=st.floats(-50, 50))
+@given(car=st.from_type(PaperCar), road=harmonic, f=st.floats(-50, 50))
 def test_at_one_frequency_the_amplitude_is_the_largest_displacement(car, road, f):
     assume(car.b1 + car.b2 > 0.1)
     steady = linear.steady_state(car, road, ExternalForce(f=f, Omega=road.omega))
@@ -246,7 +303,7 @@ def test_at_one_frequency_the_amplitude_is_the_largest_displacement(car, road, f
     assert largest == pytest.approx(np.array(steady.amplitudes), rel=2e-6, abs=1e-12)
 
 
-@given(car=st.from_type(QuarterCar), road=harmonic, force=st.from_type(ExternalForce))
+@given(car=st.from_type(PaperCar), road=harmonic, force=st.from_type(ExternalForce))
 def test_at_two_frequencies_no_displacement_is_above_the_amplitude(car, road, force):
     assume(car.b1 + car.b2 > 0.1)
     steady = linear.steady_state(car, road, force)
@@ -262,10 +319,11 @@ def test_the_papers_uncontrolled_amplitudes():
 
 
 @given(...)
-def test_a_hump_has_no_steady_state(road: Road):
-    assume(road.profile != "harmonic")
-    message = f"a steady state needs a harmonic road, got '{road.profile}'; use roads.harmonic"
-    with pytest.raises(ValueError, match=message):
+def test_a_hump_has_no_steady_state(road: Excitation):
+    assume(not road.harmonic)
+    with pytest.raises(
+        ValueError, match=r"a steady state needs a harmonic road, got .* give a Sine"
+    ):
         linear.steady_state(PAPER, road, PAPER_FORCE)
 
 
@@ -301,3 +359,54 @@ def test_the_steps_of_an_rk4_transition_are_checked(dt, substeps, message):
 def test_a_steady_state_is_read_at_a_finite_time(t):
     with pytest.raises(ValueError, match=f"t must be .*, got {t}.*; give a finite number"):
         linear.steady_state(PAPER, PAPER_ROAD, PAPER_FORCE).state(t)
+
+
+# Cars of parts, actuators ---------------------------------------------------------------------
+
+REAL = QuarterCar.from_physical(60.0, 300.0, 190e3, 16e3, 100.0, 1e3)
+
+
+def test_a_car_of_linear_parts_has_the_matrices_of_its_coefficients():
+    found = linear.matrices(REAL)
+    expected = linear.matrices(PaperCar.from_physical(60.0, 300.0, 190e3, 16e3, 100.0, 1e3))
+    for name in ("A", "B", "R"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"spring": CubicSpring(k=16e3, k3=1e5)},
+        {"tyre": LiftOffTyre(k=190e3, c=100.0)},
+        {"stops": Stops(bump=0.08, rebound=0.08, k=1e5)},
+    ],
+)
+def test_a_car_that_is_not_linear_has_no_matrices_and_a_slope_at_rest(change):
+    car = dataclasses.replace(REAL, **change)
+    with pytest.raises(ValueError, match="the car must be linear, got "):
+        linear.matrices(car)
+    # differences over 1e-6, to 1e-6 (see `linear.jacobian`)
+    scale = np.abs(linear.matrices(REAL).A).max()
+    np.testing.assert_allclose(
+        linear.jacobian(car), linear.matrices(REAL).A, rtol=1e-6, atol=1e-9 * scale
+    )
+
+
+def test_actions_become_specific_forces():
+    pair = linear.actuation(PAPER, IndependentActuators(limit=(280.0, 33.0)))
+    np.testing.assert_array_equal(pair, np.diag([280.0, 33.0]))
+    between = linear.actuation(REAL, SuspensionActuator(limit=600.0))
+    assert between == pytest.approx(np.array([[-10.0], [2.0]]), rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        LaggedSuspensionActuator(limit=1.0, lag=0.1),
+        SemiActiveDamper(c_min=100.0, c_max=1000.0),
+        SuspensionActuator(limit=1.0, delay=0.01),
+    ],
+)
+def test_an_actuator_that_is_not_linear_or_late_has_no_matrix(actuator):
+    with pytest.raises(ValueError, match="the actuator must be linear, at once and without a lag"):
+        linear.actuation(REAL, actuator)

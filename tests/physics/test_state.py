@@ -1,4 +1,4 @@
-"""Signs, readings and the arithmetic of a state."""
+"""Signs and readings of a state."""
 
 import math
 
@@ -7,22 +7,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 from qcar_env.physics import state
-from qcar_env.physics.state import Filter, State
+from qcar_env.physics.state import State
 
 angle = st.floats(0.0, 2.0 * math.pi)
-
-
-@given(...)
-def test_advance_adds_the_rate_entry_by_entry(x: State, rate: State):
-    moved = state.advance(x, 0.25, rate)
-    assert moved == tuple(a + 0.25 * b for a, b in zip(x, rate, strict=True))
-    assert state.advance(x, 0.0, rate) == x
-
-
-@given(...)
-def test_advance_filter_adds_the_rate_entry_by_entry(eta: Filter, rate: Filter):
-    moved = state.advance_filter(eta, 0.25, rate)
-    assert moved == tuple(a + 0.25 * b for a, b in zip(eta, rate, strict=True))
 
 
 @given(x=st.from_type(State), by=st.floats(-1.0, 1.0))
@@ -55,11 +42,7 @@ def test_the_envelope_amplitude_is_that_of_a_pure_oscillation_at_any_instant(a1,
 
 def test_floats_arrays_and_tensors_give_the_same_bits(same_bits):
     rng = np.random.default_rng(1)
-    x, rate = (State(*rng.normal(size=(4, 64))) for _ in range(2))
-    eta, eta_rate = (Filter(*rng.normal(size=(4, 64))) for _ in range(2))
-    step = rng.random(64)
-    same_bits(state.advance, x, step, rate)
-    same_bits(state.advance_filter, eta, step, eta_rate)
+    x, step = State(*rng.normal(size=(4, 64))), rng.random(64)
     same_bits(state.squared_amplitudes, x, step)
     same_bits(state.suspension_travel, x)
     same_bits(state.tyre_deflection, x, step)

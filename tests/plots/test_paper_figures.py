@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex, to_rgb
 
-from qcar_env.analysis import paper_experiments as experiments
-from qcar_env.analysis.forced_car import from_scenario, stack, sweep
-from qcar_env.analysis.frequency_response import Bifurcation, response
-from qcar_env.analysis.stability import compare_with_floquet, stability_map
+from qcar_env.analysis.paper import experiments
+from qcar_env.analysis.paper.forced_car import from_scenario, stack, sweep
+from qcar_env.analysis.paper.frequency_response import Bifurcation, response
+from qcar_env.analysis.paper.stability import compare_with_floquet, stability_map
 from qcar_env.control import CNVC, PPF, Passive
 from qcar_env.plots import paper_figures, response as drawing
 from qcar_env.plots.style import LINES, journal
@@ -119,7 +119,7 @@ def test_legends_stay_inside_the_figure(car, curve):
 
 @pytest.mark.parametrize("effects", experiments.EFFECTS, ids=lambda e: f"figure {e.figure}")
 def test_figures_5_to_8(car, curve, effects):
-    from qcar_env.analysis.parameter_study import Curve
+    from qcar_env.analysis.paper.parameter_study import Curve
 
     panels = {
         name: [Curve(setting={name: value}, response=curve) for value in (1.0, 2.0, 3.0)]

@@ -9,15 +9,18 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
+import qcar_env.report
 from baselines import catalogue
 from qcar_env.analysis.optimum import period_optimum
 from qcar_env.control import LAWS
-from qcar_env.evaluation.benchmark import optimum_of, score, standings
-from qcar_env.evaluation.comparison import outcome
+from qcar_env.evaluation.benchmark import run
+from qcar_env.evaluation.comparison import PERIODS, Comparison
+from qcar_env.evaluation.outcome import outcome
 from qcar_env.evaluation.rollouts import rollout
 from qcar_env.evaluation.tracks import TRACKS
+from qcar_env.physics.tree import flat
 from qcar_env.plots.style import line
-from qcar_env.report.benchmark import benchmark
+from qcar_env.report.benchmark import benchmark, page
 from qcar_env.report.comparison import comparison
 from qcar_env.report.content import Chart, Column, Curve, history, parameters
 from qcar_env.report.page import cell, render, specification
@@ -29,15 +32,16 @@ def report_of(name, laws, duration):
     base = scenario(name)
     policies = {law: catalogue.make(law, base) for law in laws}
     rollouts = {law: rollout(policy, base, duration=duration) for law, policy in policies.items()}
-    outcomes = [outcome(law, each, base.reference_amplitudes) for law, each in rollouts.items()]
-    content = comparison(
-        base,
-        outcomes,
-        rollouts,
-        {law: policy.law for law, policy in policies.items()},
+    periods = PERIODS if base.excitation.harmonic else None
+    outcomes = [outcome(law, each, periods=periods) for law, each in rollouts.items()]
+    found = Comparison(
+        scenario=base,
+        outcomes=tuple(outcomes),
+        rollouts=rollouts,
+        laws={law: policy.law for law, policy in policies.items()},
         duration=duration,
-        provenance={"command": "a test"},
     )
+    content = comparison(found, {"command": "a test"})
     return base, rollouts, outcomes, content
 
 
@@ -96,10 +100,11 @@ def test_every_parameter_of_every_scenario_is_listed(name):
     base = scenario(name)
     table = parameters(base)
     values = [row[2] for row in table.rows]
-    for number in (base.car.omega1, base.car.b2, base.road.h, *base.actuator.limit, base.dt):
+    numbers = flat((base.car.numbers, base.excitation.h, base.actuator.limit, base.dt, base.speed))
+    for number in numbers:
         assert number in values
     assert base.source in table.note
-    if base.randomisation is not None:
+    if base.randomisation:
         assert any("drawn" in str(row[0]) for row in table.rows)
 
 
@@ -176,7 +181,7 @@ def test_compare_writes_a_report_when_asked(tmp_path, capsys):
 
 
 def test_absent_plotly_is_named_before_anything_is_simulated(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(compare.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(qcar_env.report, "find_spec", lambda name: None)
     assert compare.main(["--out", str(tmp_path), "--report"]) == 2
     assert "a report needs plotly; run make report" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
@@ -190,47 +195,13 @@ def test_every_law_of_the_catalogue_has_a_colour_of_its_own():
 @pytest.fixture(scope="module")
 def benchmark_report():
     """A report of two policies on the track with several limits, in the process of the test."""
-    from scripts import benchmark as command, contestants
-
     where = dataclasses.replace(TRACKS["budget"], force_scales=(1.0, 0.5), episodes=2)
-    entered = contestants.baselines(["cnvc", "lnvc"])
-    scores = {
-        (each.name, scale): score(
-            catalogue.make(each.spec, where.at(scale)),
-            where,
-            scale,
-            name=each.name,
-            kind=each.kind,
-            reads="feedback",
-        )
-        for each in entered
-        if each.kind == "published"
-        for scale in where.force_scales
-    }
-    bounds = {("budget", scale): optimum_of(where, scale) for scale in where.force_scales}
-    rows = [row for each in scores.values() for row in each.rows]
-    lower = {unit: [bound.lower for bound in each] for unit, each in bounds.items()}
-    outcome = command.Outcome(
-        rows=tuple(rows),
-        histories={(name, "budget", s): each.history for (name, s), each in scores.items()},
-        bounds=bounds,
-        standings=standings(rows, lower),
-        failures=(),
-    )
-    return where, outcome
+    return where, run([where], [catalogue.entry("cnvc"), catalogue.entry("lnvc")])
 
 
 def test_the_benchmarks_report_has_every_standing_and_the_optimum(benchmark_report):
-    where, outcome = benchmark_report
-    content = benchmark(
-        [where],
-        outcome.rows,
-        outcome.standings,
-        outcome.bounds,
-        outcome.histories,
-        findings=["one", "two"],
-        provenance={"command": "a test"},
-    )
+    _, outcome = benchmark_report
+    content = benchmark(outcome, {"command": "a test"})
     board = content.tables[0]
     assert [row[0] for row in board.rows] == ["optimum", "cnvc", "lnvc"]
     for each in outcome.standings:
@@ -254,9 +225,7 @@ def test_the_benchmarks_report_has_every_standing_and_the_optimum(benchmark_repo
     assert '<option value="whole"' not in page
 
 
-def test_the_benchmark_command_writes_it_when_asked(benchmark_report, tmp_path):
-    from scripts import benchmark as command
-
-    where, outcome = benchmark_report
-    found = command._write_report(tmp_path / "report.html", outcome, [where], seed=None)
+def test_the_benchmarks_page_is_written_from_its_outcome(benchmark_report, tmp_path):
+    _, outcome = benchmark_report
+    found = page(tmp_path / "report.html", outcome)
     assert found.read_text(encoding="utf-8").startswith("<!doctype html>")

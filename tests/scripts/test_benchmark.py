@@ -8,9 +8,10 @@ from itertools import permutations
 import numpy as np
 import pytest
 
+import agents
 from qcar_env.evaluation import tracks
 from qcar_env.evaluation.tracks import Track
-from scripts import benchmark, contestants
+from scripts import benchmark
 
 SHORT = Track(
     name="short",
@@ -50,9 +51,8 @@ DRAWN = Track(
 def short_tracks(monkeypatch):
     """Crossings of a second: the machinery does not depend on their length."""
     there = {"short": SHORT, "blind": BLIND, "drawn": DRAWN}
-    for module in (tracks, benchmark, contestants):
-        monkeypatch.setattr(module, "TRACKS", there)
-    monkeypatch.setattr(contestants, "agents", lambda: ())
+    monkeypatch.setattr(tracks, "TRACKS", there)
+    monkeypatch.setattr(agents, "entries", lambda: ())
 
 
 @pytest.fixture

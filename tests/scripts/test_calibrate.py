@@ -21,6 +21,10 @@ def test_it_reports_residuals_and_flatness(tmp_path, capsys):
 
 def test_bad_input(tmp_path, capsys):
     out = tmp_path / "none"
-    assert calibrate.main(["--preset", "mathworks-hump", "--out", str(out)]) == 2
-    assert "needs a harmonic road" in capsys.readouterr().err
+    for preset, message in (
+        ("paper-hump", "harmonic road"),
+        ("mathworks-hump", "are those of a PaperCar"),
+    ):
+        assert calibrate.main(["--preset", preset, "--out", str(out)]) == 2
+        assert message in capsys.readouterr().err
     assert not out.exists()

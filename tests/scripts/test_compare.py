@@ -9,7 +9,7 @@ import pytest
 import agents.load
 from baselines import catalogue
 from qcar_env import scenario
-from qcar_env.analysis.table1 import table1
+from qcar_env.analysis.paper.table1 import table1
 from scripts import compare
 
 HUMP = ["--scenario", "mathworks-hump", "--duration", "1.5"]
@@ -106,7 +106,7 @@ def test_a_hump_is_compared_over_the_whole_crossing_and_run_again_in_the_same_fo
         (["--gains", "cnvc:G7=1"], "unknown gain of cnvc 'G7'"),
         (["--gains", "ppf:G1=4000"], "gain G1 must be below omega1^2 = 3025 1/s^2"),
         (["--laws", "cnvc", "--gains", "lnvc:G1=1"], "unknown law with gains 'lnvc'"),
-        (["--force-limit", "280"], "takes 2 force limit(s), got 1"),
+        (["--force-limit", "280"], "force limit must be a tuple of 2, got"),
         (["--force-limit", "280", "-3"], "force limit must be positive, got -3 m/s^2"),
         (["--duration", "0"], "duration must be positive, got 0 s"),
         (["--duration", "-5"], "duration must be positive, got -5 s"),

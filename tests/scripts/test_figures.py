@@ -7,7 +7,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from qcar_env.analysis.paper_experiments import EFFECTS
+from qcar_env.analysis.paper.experiments import EFFECTS
 from scripts import figures
 
 

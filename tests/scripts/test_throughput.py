@@ -1,15 +1,12 @@
 """The measurement: its operation count, its ratios and its command."""
 
-import operator
-
 import pytest
 
-from qcar_env.physics.dynamics import Coefficients, rate
-from qcar_env.physics.forcing import Amplitudes, MiddleAmplitudes, Passage, World
-from qcar_env.physics.motion import substep
-from qcar_env.physics.rk4 import Step
-from qcar_env.physics.roads import Phasor
-from qcar_env.physics.state import State
+from qcar_env.evaluation.throughput import closed_loops, environments, timing
+from qcar_env.physics.car import REST
+from qcar_env.physics.motion import Phasor, Phasors, turning, turning_step
+from qcar_env.physics.rk4 import step_fractions
+from qcar_env.scenarios import PAPER_CAR
 from scripts import throughput
 
 
@@ -36,41 +33,44 @@ class Counted:
 
 
 def count_operations():
-    """Count the additions and products of one step, each distinct one once."""
+    """Count the sums and products of a step that the one before has not, each distinct one once."""
     Counted.done = {}
 
-    def new(kind):
-        return kind(*(Counted(f"{kind.__name__}.{name}") for name in kind._fields))
+    def new(name, like):
+        if isinstance(like, tuple):
+            entries = (new(f"{name}.{i}", each) for i, each in enumerate(like))
+            return type(like)(*entries)
+        return Counted(name)
 
-    world, by = (
-        World(*(Phasor(Counted(f"{i}{j} s"), Counted(f"{i}{j} c")) for j in "12")) for i in "ab"
-    )
-    passage = Passage(by, new(MiddleAmplitudes))
-    u = (Counted("u1"), Counted("u2"))
-    substep(new(State), world, passage, new(Amplitudes), new(Step), *u, new(Coefficients))
-    squares = 2  # omega1^2 and omega2^2 stay the same in all steps
-    return len(Counted.done) - squares
+    car = PAPER_CAR.functions
+    on_road = car.road_input(0.0, 0.0, PAPER_CAR.numbers)
+    turned = new("turning", turning(on_road, on_road, 0.0, 1.0, 1.0, 1.0))
+    x, step = new("x", REST), new("step", step_fractions(1.0))
+    phasors = new("phasors", Phasors(Phasor(0.0, 0.0), Phasor(0.0, 0.0)))
+    fixed = Counted("u1"), Counted("u2"), new("car", PAPER_CAR.numbers)
+    counts = []
+    for _ in range(2):
+        x, phasors = turning_step(car.rate, x, phasors, turned, step, *fixed)
+        counts.append(len(Counted.done))
+    return counts[1] - counts[0]
 
 
 def test_the_operations_of_a_step_are_counted_from_the_source():
-    assert rate is not None
-    assert operator.eq(count_operations(), throughput.OPERATIONS)
+    assert count_operations() == closed_loops.OPERATIONS
 
 
 def test_ratios_are_taken_round_by_round():
-    fast = throughput.Timing(name="fast", seconds=(1.0, 2.0, 1.0, 1.0))
-    slow = throughput.Timing(name="slow", seconds=(3.0, 6.0, 3.0, 3.0))
+    fast = timing.Timing(name="fast", seconds=(1.0, 2.0, 1.0, 1.0))
+    slow = timing.Timing(name="slow", seconds=(3.0, 6.0, 3.0, 3.0))
     assert fast.times_faster_than(slow) == (3.0, 3.0, 3.0)
 
 
 def test_candidates_are_timed_in_every_round():
     calls = []
-    work = throughput.Candidate(
-        name="sum", run=lambda n: calls.append(sum(range(2000 * n))), steps=2
-    )
-    (timing,) = throughput.interleave([work], 4)
-    assert len(timing.seconds) == 4
-    assert 0.0 < timing.median < 1e-3
+    work = timing.Candidate(name="sum", run=lambda n: calls.append(sum(range(2000 * n))), steps=2)
+    (found,) = timing.interleave([work], 4)
+    assert len(found.seconds) == 4
+    assert 0.0 < found.median < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -89,8 +89,8 @@ def test_a_wrong_number_is_refused(capsys, flag, value, message):
 
 @pytest.mark.slow
 def test_the_command_writes_its_result(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(throughput, "SLICE", 0.001)
-    monkeypatch.setattr(throughput, "PROCESSES", 1)
+    monkeypatch.setattr(timing, "SLICE", 0.001)
+    monkeypatch.setattr(environments, "PROCESSES", 1)
     assert throughput.main(["--rounds", "3", "--num-envs", "1", "--out", str(tmp_path)]) == 0
     assert (tmp_path / "throughput.json").exists()
     assert "CartPoleVectorEnv 1" in capsys.readouterr().out

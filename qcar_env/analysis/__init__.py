@@ -1,0 +1,1 @@
+"""Linear programs, continuation, periodic motions, long simulations; the paper's own analysis."""

@@ -1,0 +1,1 @@
+"""Compiled fleets: many cars, closed loops, the exact map of linear ones."""

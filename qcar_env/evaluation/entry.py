@@ -1,0 +1,146 @@
+"""What enters an experiment: a policy with its name, what it reads, and how it is made.
+
+Entries come from `baselines.entries()`, from `agents.entries()`, and from `entry_of` for what is
+yours. They hold no policy but what makes one, so that they can be sent to other processes.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+from qcar_env.envs import episode as task
+from qcar_env.evaluation.agent import Agent
+from qcar_env.evaluation.onnx_policy import OnnxPolicy
+from qcar_env.evaluation.tracks import Track
+from qcar_env.scenarios import Scenario
+
+Kind = Literal["published", "tuned", "learned", "yours"]
+Maker = Callable[[Scenario, Track | None, float], Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """A policy that enters experiments.
+
+    Parameters
+    ----------
+    name : str
+        In tables.
+    kind : {"published", "tuned", "learned", "yours"}
+        Where its numbers come from.
+    title : str
+        What it is, for people.
+    make : callable
+        ``make(scenario, track, force_scale)`` returns the policy for a scenario with its force
+        limit, or None where it does not enter. `track` is None outside the tracks, where every
+        policy enters that can be made; `force_scale` is the force limit over the scenario's
+        own [-]. Of a module, so that it can be pickled.
+    reads : {"full", "feedback"} or sequence of str, optional
+        What it is shown; None where only the policy itself can say.
+    needs : str
+        All that it knows, what it was designed on included, in words.
+    """
+
+    name: str
+    kind: Kind
+    title: str
+    make: Maker
+    reads: task.Observe | None = None
+    needs: str = ""
+
+
+def may_enter(reads: task.Observe, track: Track) -> bool:
+    """Return whether a policy reads no more than a track shows.
+
+    Raises
+    ------
+    ValueError
+        If `reads` is neither ``"full"``, ``"feedback"`` nor names of signals.
+    """
+    return set(task.observed(reads)) <= set(task.observed(track.observe))
+
+
+def shown_to(policy: Any, most: task.Observe) -> tuple[task.Observe, bool]:
+    """Return what a policy is shown, by default `most`, and whether it sees the force limit."""
+    return getattr(policy, "reads", most), bool(getattr(policy, "observe_limit", False))
+
+
+def entry_of(spec: str) -> Entry:
+    """Return the entry of a policy of yours.
+
+    Parameters
+    ----------
+    spec : str
+        ``module:object``, the path of an ONNX file, or a run folder of ``scripts/train.py``. The
+        object is a policy, or makes one from the scenario with its force limit.
+
+    Raises
+    ------
+    ValueError
+        If `spec` has neither form, or what it names cannot be loaded or is no policy.
+    """
+    path = Path(spec)
+    if path.suffix == ".onnx" or path.is_dir():
+        if not path.exists():
+            raise ValueError(f"no file {spec}; give the path of an ONNX file, or module:object")
+        policy = _loaded(path)
+        name = path.stem if path.suffix and path.stem != "policy" else path.resolve().name
+        name = path.resolve().parent.name if path.stem == "policy" and path.suffix else name
+        maker = partial(_from_file, path.resolve())
+        return Entry(name=name, kind="yours", title=name, make=maker, reads=policy.reads)
+    module, colon, attribute = spec.partition(":")
+    if not colon or not module or not attribute:
+        raise ValueError(
+            f"--policy must be module:object or the path of an ONNX file, got {spec!r}; "
+            "for instance my_policy:policy"
+        )
+    _imported(spec)
+    return Entry(name=spec, kind="yours", title=spec, make=partial(_from_module, spec))
+
+
+def _from_file(path: Path, scenario: Scenario, track: Track | None, force_scale: float) -> Any:
+    return _loaded(path)
+
+
+def _from_module(spec: str, scenario: Scenario, track: Track | None, force_scale: float) -> Any:
+    found = _imported(spec)
+    if isinstance(found, type) or not hasattr(found, "predict"):
+        found = found(scenario)
+    if not hasattr(found, "predict"):
+        raise ValueError(f"{spec!r} made {type(found).__name__}, which has no predict")
+    return found
+
+
+def _loaded(path: Path) -> Agent | OnnxPolicy:
+    try:
+        return OnnxPolicy(path) if path.suffix == ".onnx" else Agent(path)
+    except RuntimeError as error:  # onnxruntime is not installed
+        raise ValueError(f"no policy {path}: {error}") from error
+
+
+def _imported(spec: str) -> Any:
+    """Return the object of ``module:object``: a policy, or what makes one."""
+    module, _, attribute = spec.partition(":")
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))
+    try:
+        found: Any = importlib.import_module(module)
+        for part in attribute.split("."):
+            found = getattr(found, part)
+    except Exception as error:  # the module is the user's: whatever it raises
+        raise ValueError(
+            f"no policy {spec!r}: {type(error).__name__}: {error}; "
+            "give module:object as Python imports it from this folder"
+        ) from error
+    if not callable(found) and not hasattr(found, "predict"):
+        raise ValueError(
+            f"{spec!r} is no policy: it has no predict, and cannot be called to make one; "
+            "give an object that has or can"
+        )
+    return found

@@ -1,0 +1,143 @@
+"""The results of a benchmark as words and files."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from qcar_env.evaluation import storage, tables
+from qcar_env.evaluation.benchmark import Outcome
+from qcar_env.evaluation.standings import findings
+from qcar_env.evaluation.statistics import iqm
+from qcar_env.evaluation.tracks import Track
+from qcar_env.scenarios.files import as_record
+
+HEADER = (
+    *("#", "policy", "gains", "reads", "rho", "95 % interval", "over the optimum"),
+    "P(< CNVC)",
+)
+
+
+_ENDS = ("lower", "upper")
+
+
+def summary(outcome: Outcome) -> list[str]:
+    """Return what is found, one line each."""
+    said = (*findings(outcome.standings), *outcome.failures)
+    return [f"- {each}" for each in said]
+
+
+def leaderboard(outcome: Outcome) -> str:
+    """Return the result as Markdown."""
+    lines = ["# Leaderboard", "", "## What is found", "", *summary(outcome)]
+    lines += [
+        "",
+        "rho is the share of the uncontrolled amplitude that is left, the larger of wheel and "
+        "body: interquartile mean over the crossings, with its 95 % bootstrap interval. The "
+        "optimum is the certified lower bound: no force within the limit, of any shape, leaves "
+        "less. P(< CNVC) is the probability that a crossing ends with a lower rho than CNVC's "
+        "with the paper's gain 1.2.",
+    ]
+    for each in outcome.tracks:
+        lines += ["", f"## Track `{each.name}`, version {each.version}: {each.title}"]
+        lines += [
+            "",
+            f"{each.episodes} held-out crossings of {each.duration:g} s at each limit, amplitudes "
+            f"over {_measured(each)}; policies may read: "
+            + ("the state alone." if each.observe == "feedback" else "state, road and force."),
+        ]
+        for scale in each.force_scales:
+            lines += ["", f"### Force limit x {scale:g}", "", *_table(outcome, each, scale)]
+    return "\n".join(lines) + "\n"
+
+
+def write(folder: Path, outcome: Outcome) -> list[str]:
+    """Write leaderboard.md, result.json and the rows as table.csv, and table.parquet with pyarrow.
+
+    Returns
+    -------
+    list of str
+        The files' names.
+    """
+    rows = [dataclasses.asdict(row) for row in outcome.rows]
+    names = ["leaderboard.md", "table.csv", "result.json"]
+    if rows:
+        storage.write_csv(folder / "table.csv", rows)
+        if _write_parquet(folder / "table.parquet", rows):
+            names.append("table.parquet")
+    storage.write_text(folder / "leaderboard.md", leaderboard(outcome))
+    result = {
+        "command": storage.command(),
+        "versions": storage.versions(),
+        "seed": outcome.seed,
+        "tracks": [as_record(each) for each in outcome.tracks],
+        "findings": list(findings(outcome.standings)),
+        "standings": [dataclasses.asdict(each) for each in outcome.standings],
+        "optimum": [
+            {
+                "track": unit[0],
+                "force_scale": unit[1],
+                "crossings": [dataclasses.asdict(b) for b in each],
+            }
+            for unit, each in outcome.bounds.items()
+        ],
+        "failures": [dataclasses.asdict(each) for each in outcome.failures],
+        "rows": rows,
+    }
+    storage.write_json(folder / "result.json", result)  # last: its presence says all is there
+    return names
+
+
+def _measured(track: Track) -> str:
+    return "the whole crossing" if track.periods is None else f"the last {track.periods} periods"
+
+
+def _table(outcome: Outcome, where: Track, scale: float) -> list[str]:
+    here = [s for s in outcome.standings if (s.track, s.force_scale) == (where.name, scale)]
+    bound = outcome.bounds[(where.name, scale)]
+    rows: list[list[str]] = []
+    if bound:
+        low, high = (_rho(float(iqm([getattr(b, end) for b in bound]))) for end in _ENDS)
+        rows.append(["", "*optimum*", "", "everything", low, f"up to {high} reached", "", ""])
+    held = [each.held for each in bound if each.held is not None]
+    if held:
+        rate = f"*optimum at {1.0 / where.nominal.dt:g} Hz*"
+        shape = "forces held over the control interval"
+        rows.append(["", rate, "", "everything", _rho(max(held)), shape, "", ""])
+    for number, each in enumerate(here, start=1):
+        chance = each.improvement
+        left = f", {each.terminated} crossings left the travel limits" if each.terminated else ""
+        rows.append(
+            [
+                str(number),
+                each.policy + left,
+                each.kind,
+                each.reads,
+                _rho(each.rho.value),
+                f"{_rho(each.rho.low)} to {_rho(each.rho.high)}",
+                f"x {each.over_optimum:.3f}" if np.isfinite(each.over_optimum) else "-",
+                f"{chance.value:.2f} ({chance.low:.2f} to {chance.high:.2f})" if chance else "",
+            ]
+        )
+    return tables.markdown(HEADER, rows, right="rlllrlrl")
+
+
+def _rho(value: float) -> str:
+    return "0" if value == 0.0 else f"{value:.2e}" if value < 1e-3 else f"{value:.4f}"
+
+
+def _write_parquet(path: Path, rows: Sequence[Mapping[str, Any]]) -> bool:
+    """Write the table as Parquet, where pandas and pyarrow are installed."""
+    try:
+        pandas = importlib.import_module("pandas")
+        importlib.import_module("pyarrow")
+    except ImportError:
+        return False
+    with storage.replacing(path) as temporary:
+        pandas.DataFrame(rows).to_parquet(temporary)
+    return True

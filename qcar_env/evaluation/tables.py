@@ -1,0 +1,44 @@
+"""Tables as text: Markdown, and columns for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+
+def markdown(header: Sequence[str], rows: Iterable[Sequence[str]], right: str = "") -> list[str]:
+    """Return the lines of a Markdown table.
+
+    Parameters
+    ----------
+    header : sequence of str
+        Titles of the columns.
+    rows : iterable of sequence of str
+        Cells; a bar in one is escaped.
+    right : str
+        A letter for each column, ``r`` where it is set to the right; all to the left if empty.
+    """
+    rule = "".join("--:|" if right[i : i + 1] == "r" else "---|" for i in range(len(header)))
+    return [_line(header), "|" + rule, *map(_line, rows)]
+
+
+def columns(rows: Sequence[Sequence[str]], left: int) -> str:
+    """Return rows in aligned columns, the first row underlined, the first `left` to the left."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
+    lines: list[str] = []
+    for number, row in enumerate(rows):
+        cells = [
+            cell.ljust(width) if i < left else cell.rjust(width)
+            for i, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append("  ".join(cells).rstrip())
+        if number == 0:
+            lines.append("  ".join("-" * width for width in widths))
+    return "\n".join(lines)
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "|" + "".join(f" {cell} |" if cell else " |" for cell in map(_escaped, cells))
+
+
+def _escaped(cell: str) -> str:
+    return cell.replace("|", "\\|")

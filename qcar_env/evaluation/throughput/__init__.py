@@ -1,0 +1,1 @@
+"""How fast cars are stepped, against other environments and the processor."""

@@ -1,0 +1,136 @@
+"""Closed loops that are timed in one compiled call, beside the processor's peak."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+
+from qcar_env.control import CNVC, Passive
+from qcar_env.control.law import Law
+from qcar_env.engine.closed_loop import Composition, compose, cores, drive, loop_road, slabs
+from qcar_env.engine.compile import aligned
+from qcar_env.engine.course import road_functions
+from qcar_env.engine.starts import Force
+from qcar_env.evaluation.throughput.timing import Candidate, shared_out
+from qcar_env.physics.car import REST
+from qcar_env.physics.closed_loop import ControlledState, Limits
+from qcar_env.physics.rk4 import step_fractions
+from qcar_env.physics.tree import flat
+from qcar_env.scenarios import scenario as find_scenario
+
+LENGTHS = (250, 500, 1000, 2000, 4000)  # [intervals] of closed loops
+PEAK_WIDTH = 512  # numbers that `multiply_add` works on, in the first-level cache
+PEAK_LENGTH = 16  # multiply-adds of each number in one pass, unrolled
+OPERATIONS = 138  # of an RK4 step of the plant, see `count_operations` in the tests
+
+
+def _rollout(
+    name: str,
+    law: Law,
+    *,
+    held: bool,
+    fused: bool = False,
+    threads: int = 1,
+    intervals: int = 1000,
+    cars: int = 1024,
+) -> Candidate:
+    """Close the loops of many cars in one compiled call."""
+    scenario = find_scenario("paper")
+    steps, step = intervals * scenario.substeps, scenario.dt / scenario.substeps
+    car, force = scenario.car, Force(scenario.force.f, scenario.force.Omega)
+    road = road_functions(type(scenario.road))
+    numbers = car.numbers, scenario.road.numbers, scenario.speed, force
+    driven = drive(car.functions, road, numbers, scenario.road.table, step)
+    limits = Limits(*scenario.actuator.limit)
+    like = driven.under(law.numbers, limits)
+    what = Composition(car.functions, loop_road(road), law.functions, like)
+    layout, kernel = compose(what, held, fused)
+    state = ControlledState(REST, law.at_rest)
+    column = (*flat(state), *driven.rows, *flat(law.numbers), *limits)
+    rows = np.zeros((layout.size, cars))
+    rows[: len(column)] = np.array(column)[:, np.newaxis]
+    blocks, record = slabs(rows), np.empty((0, 6, cars))
+    hold = scenario.substeps if held else 1
+    table, bounds = np.zeros(0), np.zeros((cars, 2), np.int64)
+    fractions = step_fractions(step)
+    edges = [blocks.shape[0] * i // threads for i in range(threads + 1)]
+
+    def part(i: int) -> None:
+        begin, end = edges[i], edges[i + 1]
+        kernel(blocks, begin, end, cars, fractions, steps, hold, 0, table, bounds, record)
+
+    return shared_out(name, part, threads, steps=cars * intervals)
+
+
+def lengths() -> list[Candidate]:
+    """Cost against the length of a closed loop, with everything else as it is."""
+    return [
+        _rollout(f"rollout of {k} intervals", CNVC(), held=True, intervals=k, cars=64)
+        for k in LENGTHS
+    ]
+
+
+def rollouts() -> list[Candidate]:
+    """Close loops in one compiled call; beside them the processor's peak."""
+    scenario = find_scenario("paper")
+    many = cores()
+    found = [
+        _rollout("rollout, held", CNVC(), held=True),
+        _rollout("rollout, held, fused", CNVC(), held=True, fused=True),
+        _rollout("rollout, in every stage", CNVC(), held=False),
+        _rollout("rollout, in every stage, fused", CNVC(), held=False, fused=True),
+        _rollout("rollout, no control", Passive(), held=False),
+    ]
+    if many > 1:
+        name = f"rollout, held, fused, {many} threads"
+        found.append(_rollout(name, CNVC(), held=True, fused=True, threads=many))
+    # what a control interval would take if the processor did nothing but multiply and add
+    repeats = 10_000  # some milliseconds: a call of a tenth of one spends 8 % on its array
+    flops = 2 * PEAK_LENGTH * PEAK_WIDTH * repeats
+    steps = max(1, flops // (OPERATIONS * scenario.substeps))
+
+    def peak(calls: int) -> None:
+        for _ in range(calls):
+            multiply_add(repeats)
+
+    found.append(Candidate(name="multiply-add peak", run=peak, steps=steps))
+    if many > 1:
+        found.append(
+            shared_out(
+                f"multiply-add peak, {many} threads",
+                lambda _: multiply_add(repeats),
+                many,
+                steps=many * steps,
+            )
+        )
+    return found
+
+
+def multiply_add(repeats: int) -> float:
+    """Multiply and add, and do nothing else: the yardstick of the other kernels.
+
+    Parameters
+    ----------
+    repeats : int
+        Passes of ``PEAK_WIDTH * PEAK_LENGTH`` fused multiply-adds in double precision.
+
+    Returns
+    -------
+    float
+        A number that nobody needs, so that the work is not left out.
+    """
+    return _multiply_add(aligned((PEAK_WIDTH,)), repeats)
+
+
+@numba.njit(cache=True, nogil=True, boundscheck=False, fastmath={"contract"})
+def _multiply_add(x: Any, repeats: Any) -> Any:
+    a, b = 0.999999, 1e-6
+    for _ in range(repeats):
+        for j in range(PEAK_WIDTH):
+            y = x[j]
+            for _ in range(PEAK_LENGTH):
+                y = y * a + b
+            x[j] = y
+    return x[0]

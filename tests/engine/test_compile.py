@@ -1,0 +1,44 @@
+"""Compiled code on disk: what one process has compiled serves another, and nothing else does."""
+
+import os
+import subprocess
+import sys
+
+MADE = """
+import math
+from qcar_env.engine.compile import compiled_apart, kernel
+
+
+def make(n):
+    @compiled_apart
+    def inner(x):  # too long for the compiler to put it into its caller
+        t = 0.0
+        for i in range(x):
+            t += math.sin(t + i) * math.cos(t - i) + math.exp(-t * t) + math.sin(2.0 * t + i)
+            for j in range(i):
+                t += math.sin(t + j) * math.cos(t - j) + math.exp(-t * t) + math.atan2(t + j, t)
+        return 0.0 * t + n
+
+    @kernel
+    def outer(x):
+        return inner(x) + inner(x + 1) + inner(x + 2) + inner(x + 3)
+
+    return outer
+"""
+
+
+def test_functions_compiled_by_two_processes_are_told_apart_by_a_third(tmp_path):
+    """They have one name: closures of the same function, the first that each process compiles."""
+    (tmp_path / "made.py").write_text(MADE)
+    paths = [str(tmp_path), os.getcwd()]
+    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path), "PYTHONPATH": os.pathsep.join(paths)}
+    show = "f = make({0}); print(f(0), sum(f.stats.cache_hits.values()))"
+
+    def run(*numbers):
+        lines = ["from made import make", *(show.format(n) for n in numbers)]
+        command = [sys.executable, "-c", "\n".join(lines)]
+        return subprocess.run(command, env=env, check=True, capture_output=True, text=True).stdout
+
+    assert run(1) == "4.0 0\n"
+    assert run(2) == "8.0 0\n"
+    assert run(1, 2) == "4.0 1\n8.0 1\n"
