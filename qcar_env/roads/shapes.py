@@ -1,6 +1,6 @@
 """Sine, humps, bars and steps; x = s - start is the distance since a shape's beginning.
 
-Dimensions of built humps: UK LTN 1/07 (round top, 50 to 100 mm; 3.7 m recalled), IRC:99-1988 (arc
+Dimensions of built humps: UK LTN 1/07 (round top, 50 to 100 mm; 3.7 m recalled), IRC 99-1988 (arc
 of 3.7 m, 100 mm), CONTRAN 600/2016 (1.5 m, 60 to 80 mm and 3.7 m, 80 to 100 mm), the Belgian royal
 decrees of 1998 and 2002 (4.8 m, 120 mm, sinusoidal; flat tops with ramps of 10 to 14 %).
 """
@@ -163,7 +163,7 @@ class CircularArc(Hump):
     Notes
     -----
     ``y = h - kappa u^2 / (1 + sqrt(1 - kappa^2 u^2))`` with ``u = x - L / 2``, ``kappa = 1 / R``:
-    the circle without the difference of two large numbers. IRC:99-1988: L 3.7 m, h 0.1 m, R 17 m.
+    the circle without the difference of two large numbers. IRC 99-1988: L 3.7 m, h 0.1 m, R 17 m.
     """
 
     def __post_init__(self) -> None:
