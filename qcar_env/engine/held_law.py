@@ -39,31 +39,12 @@ def driver(step: Any, act: Any) -> Any:
 
     @kernel
     def drive(
-        slabs: Any,
-        clocks: Any,
-        fixed_slabs: Any,
-        blocks: Any,
-        tables: Any,
-        bounds: Any,
-        scratch: Any,
-        dt: Any,
-        n: Any,
-        rewards: Any,
-        push: Any,
-        ends: Any,
-        seen: Any,
-        actions: Any,
-        gains: Any,
-        group: Any,
-        shared: Any,
-        intervals: Any,
-        window: Any,
-        row: Any,
-        peak: Any,
-    ) -> None:
+        fleet, rewards, push, ends, seen, actions, gains, group, shared, intervals, window, peak
+    ):
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        for block in range(slabs.shape[0]):
+        for block in range(fleet.slabs.shape[0]):
             first, last = block * LANES, min((block + 1) * LANES, seen.shape[0])
+            x = fleet.slabs[block]  # which begins with x1, x2
             for k in range(intervals):
                 for i in range(first, last):
                     action = actions[i]
@@ -71,29 +52,11 @@ def driver(step: Any, act: Any) -> Any:
                     for a in range(action.shape[0]):
                         if not abs(action[a]) <= HIGHEST:
                             action[a], peak[i] = 0.0, np.nan
-                step(
-                    slabs,
-                    clocks,
-                    fixed_slabs,
-                    blocks,
-                    tables,
-                    bounds,
-                    scratch,
-                    0,
-                    block,
-                    block + 1,
-                    actions,
-                    dt,
-                    n,
-                    seen,
-                    rewards,
-                    push,
-                    ends,
-                )
+                step(fleet, 0, block, block + 1, actions, seen, rewards, push, ends)
                 if k >= intervals - window:
                     for mass in range(2):
                         for i in range(first, last):
-                            size = abs(slabs[block, (row + mass) * LANES + i - first])
+                            size = abs(x[mass * LANES + i - first])
                             if size > peak[i, mass] or math.isnan(size):
                                 peak[i, mass] = size
 

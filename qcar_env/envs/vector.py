@@ -131,6 +131,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self._mode = MODES[self.autoreset_mode]
         names = [each.name for each in drawn.plan.terms]
         self.terms = (*(f"reward_{name}" for name in names), "reward_travel")
+        self._names = [(name, f"_{name}") for name in self.terms]
         self._started = False
         self._later = False  # whether cars may draw from something else than what they run on
         self._every = np.ones(self.num_envs, batch.BOOL)  # the mask of what all cars have
@@ -157,7 +158,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         """
         semi_active = hasattr(self._given[0].base.actuator, "c_max")
         path = "actuator.c_max" if semi_active else "actuator.limit.0"
-        return self._cars.fixed(path, self._cars.actions).T
+        return self._cars.driven(path, self._cars.actions).T
 
     def scenario_of(self, car: int) -> Scenario:
         """Return the scenario from which a car draws its episodes."""
@@ -265,17 +266,17 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         ResetNeeded
             Before the first reset.
         """
-        done = self.advance(actions)
+        seen, (reward, *terms), force, (terminated, truncated), begun = self.advance(actions)
         every = self._every
-        info: dict[str, Any] = {"force": done.force, "_force": every}
-        for i, name in enumerate(self.terms):
-            info[name], info[f"_{name}"] = done.rewards[1 + i], every
-        if done.begun is not None:
-            self._add_begun(info, done)
-        return done.seen, done.rewards[0], done.ends[0], done.ends[1], info
+        info: dict[str, Any] = {"force": force, "_force": every}
+        for (name, mask), term in zip(self._names, terms):  # noqa: B905 - equal lengths, and quicker
+            info[name], info[mask] = term, every
+        if begun is not None:
+            self._add_begun(info, begun)
+        return seen, reward, terminated, truncated, info
 
-    def advance(self, actions: NDArray[np.float32]) -> batch.Interval:
-        """Do what `step` does, and return what the engine does."""
+    def advance(self, actions: NDArray[np.float32]) -> tuple[Any, Any, Any, Any, Any]:
+        """Do what `step` does; return what `qcar_env.engine.cars.Cars.step` does."""
         if not self._started:
             raise gym.error.ResetNeeded("no episode yet; call reset before step")
         return self._cars.step(self._checked(actions), self._mode)
@@ -353,20 +354,19 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     def close_extras(self, **kwargs: Any) -> None:
         """Hold nothing that needs closing."""
 
-    def _add_begun(self, info: dict[str, Any], done: batch.Interval) -> None:
+    def _add_begun(self, info: dict[str, Any], begun: batch.Begun) -> None:
         """Add what is to be known of the cars that have begun their next episode."""
-        cars: Any = done.begun
+        cars = begun.cars
         again = np.zeros(self.num_envs, batch.BOOL)
         again[cars] = True
         if self._later:
             for i in cars.tolist():
                 self._running[i] = self._given[i]
-        info["phase"] = np.where(again, self._cars.phases, 0.0)
-        info["_phase"] = again
+        info["phase"], info["_phase"] = begun.phases, again
         others = ~again
-        for name in self.terms:
-            info[f"_{name}"] = others
-        if done.finals is not None:
+        for _, mask in self._names:
+            info[mask] = others
+        if begun.finals is not None:
             last: dict[str, Any] = {}
             for name in ("force", *self.terms):
                 last[name] = np.zeros_like(info[name])
@@ -375,13 +375,13 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
                 info[name][cars] = 0.0  # as after the reset
             # a reward is of the interval that ended; only its terms are
             final = np.full(self.num_envs, None, dtype=object)
-            for i, seen in zip(cars.tolist(), done.finals, strict=True):
+            for i, seen in zip(cars.tolist(), begun.finals, strict=True):
                 final[i] = seen
             info |= {"final_obs": final, "_final_obs": again}
             info |= {"final_info": last, "_final_info": again}
         if len(cars) == self.num_envs:
-            for name in self.terms:
-                del info[name], info[f"_{name}"]
+            for name, mask in self._names:
+                del info[name], info[mask]
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
         if given is None:

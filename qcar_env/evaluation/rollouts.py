@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.engine.cars import NEXT_STEP, Cars, streams
+from qcar_env.engine.cars import NEXT_STEP, Cars
+from qcar_env.engine.random import streams
 from qcar_env.envs import episode as task
 from qcar_env.evaluation import metrics
 from qcar_env.evaluation.policy import Policy, actions_of, check_policy

@@ -18,7 +18,7 @@ from qcar_env.engine.starts import (
     Nominal,
     Reference as Amplitudes,
 )
-from qcar_env.engine.stepping import Composition
+from qcar_env.engine.composition import Composition
 from qcar_env.physics import tree
 from qcar_env.physics.signals import Signal
 from qcar_env.scenarios.randomise import arrays

@@ -1,0 +1,110 @@
+"""What a fleet is compiled for, and what it is made from.
+
+A car's numbers lie in three slabs: what moves, its clock (in double precision whatever the rest
+has), and what stays the same during an episode. Their rows are computed from the named tuples that
+lie there (`qcar_env.engine.layout`).
+"""
+
+# pyright: basic
+# numba has no types for what it compiles.
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from numba import types
+from numba.experimental import structref
+
+from qcar_env.engine.compile import kernel
+from qcar_env.engine.course import RoadFunctions
+from qcar_env.engine.sensing import Sensed
+from qcar_env.engine.starts import Nominal
+from qcar_env.physics import tree
+from qcar_env.physics.car import CarFunctions
+from qcar_env.physics.signals import Signal
+
+
+@dataclass(frozen=True)
+class Composition:
+    """What is compiled: classes and functions, no numbers."""
+
+    car: CarFunctions
+    road: RoadFunctions
+    actuator: type
+    observed: tuple[Signal, ...]
+    terms: tuple[type, ...]  # of the reward
+    delay: int  # of the actuator [intervals]
+    sensed: tuple[Sensed | None, ...]  # how each entry of the observation is read
+    like: Nominal  # shapes of the numbers; their values do not matter, and are all 1 here
+
+    def __post_init__(self) -> None:
+        """Forget the values, so that equal compositions are equal."""
+        ones = tree.unflat(self.like, (1.0,) * len(tree.flat(self.like)))
+        object.__setattr__(self, "like", ones)
+
+    @property
+    def driven(self) -> Composition:
+        """What remains when nothing is observed, and is the same for many compositions."""
+        numbers = self.like.numbers._replace(sensors=())
+        like = self.like._replace(numbers=numbers, scales=(), terms=(), term_scales=())
+        return replace(self, observed=(), terms=(), delay=0, sensed=(), like=like)
+
+
+# A fleet in compiled code ------------------------------------------------------------------------
+
+FIELDS = (
+    "slabs",  # (blocks, rows * LANES) what moves
+    "clocks",  # (blocks, rows * LANES)
+    "fixed",  # (1 or blocks, rows * LANES) one slab where all cars have the same numbers
+    "blocks",  # (blocks, 2) which of `fixed` is a block's, and for how many intervals it meets no kink
+    "tables",  # (e,) of all roads
+    "bounds",  # (n, 2) where each car's table lies there
+    "scratch",  # (workers, rows * LANES) what is passed on within an interval
+    "stages",  # (workers, rows * LANES) what a road that is read does at the stage times
+    "streams",  # (n, 4) random streams
+    "chosen",  # (n,) which source a car draws its next episode from
+    "nominals",  # (sources, k) `qcar_env.engine.starts.Nominal`
+    "draws",  # (sources, d, e) distributions, see `qcar_env.engine.starts.drawn`
+    "targets",  # (t, 3) what they change, see `qcar_env.engine.starts.vary`
+    "counts",  # (sources, 3) uniform numbers that an episode takes; first and last target
+    "uniforms",  # (n, most) what episodes were drawn from
+    "dt",  # control interval [s]
+    "substeps",  # Runge-Kutta steps in it
+)
+
+
+@structref.register
+class FleetType(types.StructRef):
+    """numba's type of a `Fleet`."""
+
+
+class Fleet(structref.StructRefProxy):
+    """The arrays of a fleet as one argument: a call with each of them takes a microsecond longer."""
+
+    def __new__(cls, *arrays: Any) -> Any:
+        """Make it in compiled code, which is kept on disk."""
+        return _fleet(*arrays)
+
+
+structref.define_proxy(Fleet, FleetType, FIELDS)
+
+
+@kernel
+def _fleet(a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q):  # noqa: ANN, E741 - of `FIELDS`  # pyright: ignore
+    return Fleet(a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q)
+
+
+class Block(NamedTuple):
+    """A block of cars, within compiled code."""
+
+    z: Any  # slab of what moves
+    clock: Any
+    p: Any  # slab of what stays the same
+    s: Any  # scratch
+    stages: Any
+    lanes: Any  # cars in it
+    tables: Any
+    bounds: Any  # of the block's cars
+    dt: Any
+    n: Any
