@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.engine.compile import LANES, aligned
-from qcar_env.engine.composition import FIELDS, Composition, Fleet
+from qcar_env.engine.composition import FIELDS, OWN_FIXED, QUIET, Fleet
 from qcar_env.engine.driving import CLOCKS
 from qcar_env.engine.held_law import driver
 from qcar_env.engine.layout import columns
@@ -29,7 +29,7 @@ BOOL, COUNT = np.dtype(np.bool_), np.dtype(np.int64)
 
 CARS_A_THREAD = 16384  # at least: handing fewer over to another thread costs what it saves
 DISABLED, NEXT_STEP, SAME_STEP = range(3)  # what becomes of a car whose episode is over
-SLABS = ("slabs", "clocks", "fixed", "scratch", "stages")  # of a `Fleet`, aligned in memory
+SLABS = ("slabs", "clocks", "fixed", "scratch", "stages", "shown")  # of a `Fleet`, aligned in memory
 MOVING = ("slabs", "clocks", "fixed", "blocks", "streams", "uniforms")
 NOTHING_GIVEN = np.full((1, 5), np.nan)
 
@@ -99,9 +99,10 @@ class Cars:
             "slabs": self._slab(blocks, moving),
             "clocks": aligned((blocks, CLOCKS.size * LANES)),
             "fixed": self._slab(1, fixed),
-            "blocks": np.zeros((blocks, 2), COUNT),
+            "blocks": np.zeros((blocks, 3), COUNT),
             "scratch": self._slab(self._workers, self.kernels.scratch),
             "stages": self._slab(self._workers, stages),
+            "shown": aligned((self._workers, self.size * LANES), SHOWN),
             "streams": np.zeros((self.n, 4), np.uint64),
             "chosen": np.zeros(self.n, COUNT),
             "uniforms": np.zeros((self.n, plan.source.uniforms)),
@@ -177,7 +178,7 @@ class Cars:
             shared = a["fixed"]
             a["fixed"] = self._slab(len(a["slabs"]), self.kernels.fixed.size)
             a["fixed"][...] = shared
-            a["blocks"][:, 0] = np.arange(len(a["slabs"]))
+            a["blocks"][:, OWN_FIXED] = np.arange(len(a["slabs"]))
         self._bind()
 
     @property
@@ -272,11 +273,11 @@ class Cars:
             if len(self._sources) > 1 or len(a["fixed"]) > 1:
                 if len(np.unique(a["chosen"])) == 1 and not len(self._sources[a["chosen"][0]].targets):
                     a["fixed"] = self._slab(1, self.kernels.fixed.size)
-                    a["blocks"][:, 0] = 0
+                    a["blocks"][:, OWN_FIXED] = 0
                 self._forget()
         else:
             self.kernels.show(self._fleet, seen)
-        a["blocks"][:, 1] = np.iinfo(COUNT).max if every else 0
+        a["blocks"][:, QUIET] = np.iinfo(COUNT).max if every else 0
         own = None if uniforms is None else uniforms[cars]
         self.begin(cars, np.ascontiguousarray(given[cars], FLOAT), seen, own)
         return seen
@@ -438,7 +439,7 @@ class Cars:
     def _columns(self, name: str, row: int, count: int) -> Array:
         """Return `count` rows of a slab from `row` on, shape (count, n)."""
         slabs = self._a[name]
-        return columns(slabs[self._a["blocks"][:, 0]] if name == "fixed" else slabs, row, count, self.n)
+        return columns(slabs[self._a["blocks"][:, OWN_FIXED]] if name == "fixed" else slabs, row, count, self.n)
 
     def entries(self, name: str) -> Any:
         """Return the cars' `state`, `phasors`, `driven` or `read`: a named tuple of arrays (n,)."""

@@ -55,9 +55,14 @@ def compiled(function: Any) -> Any:
     return _registered(function, INLINE)
 
 
-def compiled_apart(function: Any) -> Any:
-    """Do the same for a function that is called for few cars at a time, to compile it once."""
-    return _registered(function, {})
+def compiled_apart(function: Any = None, *, allocates: bool = True) -> Any:
+    """Do the same for a function that is called for few cars at a time, to compile it once.
+
+    One that does not make arrays, but for views of others, need not count who uses them.
+    """
+    if function is None:
+        return lambda each: compiled_apart(each, allocates=allocates)
+    return _registered(function, {} if allocates else {"_nrt": False})
 
 
 def _registered(function: Any, options: dict[str, Any]) -> Any:
@@ -242,6 +247,17 @@ def _negative_sum(costs: Any) -> Any:
     return _implementation("costs", body.replace("- ", "-", 1) or "0.0", {})
 
 
+def negative(costs: Any) -> Any:
+    """Return ``(-costs[0], -costs[1], ...)``."""
+    return tuple(-each for each in costs)
+
+
+@overload(negative, jit_options=INLINE, strict=False)
+def _negative(costs: Any) -> Any:
+    body, names = _entrywise(costs, lambda i: f"-costs{i}")
+    return _implementation("costs", body, names)
+
+
 def outcome(code: Any, reward: Any, out: Any, late: Any, costs: Any, penalty: Any) -> Any:
     """Return ``(code, reward, out, late, -costs[0], -costs[1], ..., penalty)``."""
     return code, reward, out, late, *(-each for each in costs), penalty
@@ -399,5 +415,5 @@ def compiles(function: Any, *examples: Any) -> str:
 # What compiled code has in another form, above.
 _REGISTERED: set[Any] = {
     *(tree.advance, tree.add, tree.combine, tree.times, tree.bounded),
-    *(load, load_wide, save, holds, weighted, negative_sum, outcome),
+    *(load, load_wide, save, holds, weighted, negative, negative_sum, outcome),
 }

@@ -57,11 +57,12 @@ FIELDS = (
     "slabs",  # (blocks, rows * LANES) what moves
     "clocks",  # (blocks, rows * LANES)
     "fixed",  # (1 or blocks, rows * LANES) one slab where all cars have the same numbers
-    "blocks",  # (blocks, 2) which of `fixed` is a block's, and for how many intervals it meets no kink
+    "blocks",  # (blocks, 3) see `OWN_FIXED`
     "tables",  # (e,) of all roads
     "bounds",  # (n, 2) where each car's table lies there
     "scratch",  # (workers, rows * LANES) what is passed on within an interval
     "stages",  # (workers, rows * LANES) what a road that is read does at the stage times
+    "shown",  # (workers, entries * LANES) of float32, observations
     "streams",  # (n, 4) random streams
     "chosen",  # (n,) which source a car draws its next episode from
     "nominals",  # (sources, k) `qcar_env.engine.starts.Nominal`
@@ -72,6 +73,11 @@ FIELDS = (
     "dt",  # control interval [s]
     "substeps",  # Runge-Kutta steps in it
 )
+
+
+# Of a block: which of `fixed` is its own, for how many intervals none of its cars can meet a kink,
+# and whether the episode of one is over.
+OWN_FIXED, QUIET, ENDED = range(3)
 
 
 @structref.register
@@ -91,18 +97,21 @@ structref.define_proxy(Fleet, FleetType, FIELDS)
 
 
 @kernel
-def _fleet(a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q):  # noqa: ANN, E741 - of `FIELDS`  # pyright: ignore
-    return Fleet(a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q)
+def _fleet(a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r):  # noqa: ANN, E741 - of `FIELDS`  # pyright: ignore
+    return Fleet(a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r)
 
 
 class Block(NamedTuple):
     """A block of cars, within compiled code."""
 
+    first: Any  # number of its first car
+    own: Any  # row of `Fleet.blocks`
     z: Any  # slab of what moves
     clock: Any
     p: Any  # slab of what stays the same
     s: Any  # scratch
     stages: Any
+    shown: Any  # observations, in single precision
     lanes: Any  # cars in it
     tables: Any
     bounds: Any  # of the block's cars

@@ -25,7 +25,7 @@ from qcar_env.engine.compile import (
     save,
     source_stamp,
 )
-from qcar_env.engine.composition import Composition
+from qcar_env.engine.composition import QUIET, Composition
 from qcar_env.engine.course import Course, Pieces, course
 from qcar_env.engine.exact import exact as exact_of
 from qcar_env.engine.layout import Layout
@@ -73,7 +73,6 @@ class Driving(NamedTuple):
     look: Any  # look(x, w, command, driven, kink, t, table) -> Moment
     drive: Any  # drive(x, w, command, driven, kink, next, t, dt, n, table) -> x, w, kink, next
     advance: Any  # advance(block) -> whether a kink may have been met
-    table_of: Any  # table_of(tables, bounds, i)
     quiet_of: Any  # quiet_of(clock, j, dt): intervals before a car can meet a kink
     sources: str
 
@@ -82,8 +81,8 @@ class Driving(NamedTuple):
 def driving(what: Composition, single: bool, exact: bool) -> Driving:
     """Compile how a composition drives; see `qcar_env.engine.stepping.compose`.
 
-    What moves begins with state and phasors; the scratch with the command, and with state and
-    phasors as they were before.
+    What moves begins with state, phasors and the command that is held; so does the scratch, where
+    they are kept as they were before an interval with a kink.
     """
     real = np.float32 if single else np.float64
     car, kind, numbers = what.car, what.actuator, what.like.numbers
@@ -104,9 +103,8 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
         turning_of(on_road, on_road, 0.0, 1.0, 1.0, 1.0),
         numbers.actuator,
     )
-    moving, passed = Layout(x=STATE, w=PHASORS), Layout(command=COMMAND, x=STATE, w=PHASORS)
-    W, MOVES = moving.row("w"), moving.size
-    C, SAVED, SAVED_W = (passed.row(name) for name in passed.trees)
+    moving = Layout(x=STATE, w=PHASORS, held=COMMAND)
+    W, HELD = moving.row("w"), moving.row("held")
     ROAD_INPUT, INPUT_SIZE = on_road, Layout(input=on_road).size
     mapped = exact_of(plant.rate, STATE, COMMAND) if exact else None
     MAP = Layout(driven=DRIVEN).size
@@ -197,10 +195,6 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
     # Where a road needs a table, that of a car lies in `tables` between its two of `bounds`.
 
     @compiled
-    def table_of(tables, bounds, i):
-        return tables[bounds[i, 0] : bounds[i, 1]]
-
-    @compiled
     def quiet_of(clock, j, dt):
         """Return how many control intervals will pass before a car can meet a kink."""
         time = load(clock, 0, LANES, j, CLOCK)
@@ -230,7 +224,7 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
             """Advance all cars of a block over an interval without a kink."""
             for j in range(b.lanes):
                 x, w = load(b.z, 0, LANES, j, STATE), load(b.z, W, LANES, j, PHASORS)
-                c, turns = load(b.s, C, LANES, j, COMMAND), load(b.p, 0, LANES, j, DRIVEN).turning
+                c, turns = load(b.z, HELD, LANES, j, COMMAND), load(b.p, 0, LANES, j, DRIVEN).turning
                 x, w = apply_map(b.p, MAP, LANES, j, x, w, c, turns)
                 save(b.z, 0, LANES, j, x)
                 save(b.z, W, LANES, j, w)
@@ -242,7 +236,7 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
             for j in range(b.lanes):
                 driven = load(b.p, 0, LANES, j, DRIVEN)
                 x, w = load(b.z, 0, LANES, j, STATE), load(b.z, W, LANES, j, PHASORS)
-                c, step = load(b.s, C, LANES, j, COMMAND), typed(step_fractions(b.dt / b.n))
+                c, step = load(b.z, HELD, LANES, j, COMMAND), typed(step_fractions(b.dt / b.n))
                 x, w = steps(plant_rate, x, w, driven.turning, step, c, driven)
                 save(b.z, 0, LANES, j, x)
                 save(b.z, W, LANES, j, w)
@@ -265,7 +259,7 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
                 driven = load_wide(b.p, 0, LANES, j, DRIVEN)
                 time = load(b.clock, 0, LANES, j, CLOCK)
                 t, kink = time.start + time.elapsed * b.dt, int(time.kink)
-                table = table_of(b.tables, b.bounds, j)
+                table = b.tables[b.bounds[j, 0] : b.bounds[j, 1]]
                 w = load_wide(b.z, W, LANES, j, PHASORS)
                 for k in range(2 * b.n + 1):
                     _, _, input = reading(t + 0.5 * k * size, kink, w, driven, table)
@@ -283,7 +277,7 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
                         load(b.stages, row, LANES, j, ROAD_INPUT),
                         load(b.stages, row + INPUT_SIZE, LANES, j, ROAD_INPUT),
                         load(b.stages, row + 2 * INPUT_SIZE, LANES, j, ROAD_INPUT),
-                        load(b.s, C, LANES, j, COMMAND),
+                        load(b.z, HELD, LANES, j, COMMAND),
                         driven,
                     )
                     save(b.z, 0, LANES, j, x)
@@ -297,16 +291,16 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
             t = time.start + time.elapsed * b.dt
             if time.next < t + b.dt:
                 x, w, kink, next = drive(
-                    load_wide(b.s, SAVED, LANES, j, STATE),
-                    load_wide(b.s, SAVED_W, LANES, j, PHASORS),
-                    load_wide(b.s, C, LANES, j, COMMAND),
+                    load_wide(b.s, 0, LANES, j, STATE),
+                    load_wide(b.s, W, LANES, j, PHASORS),
+                    load_wide(b.z, HELD, LANES, j, COMMAND),
                     load_wide(b.p, 0, LANES, j, DRIVEN),
                     int(time.kink),
                     time.next,
                     t,
                     b.dt,
                     b.n,
-                    table_of(b.tables, b.bounds, j),
+                    b.tables[b.bounds[j, 0] : b.bounds[j, 1]],
                 )
                 save(b.z, 0, LANES, j, x)
                 save(b.z, W, LANES, j, w)
@@ -314,24 +308,21 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
                 b.clock[NEXT * LANES + j] = next
 
     @compiled
-    def advance(b, own):
-        """Advance a block; `own` is its row of `Fleet.blocks`.
-
-        Return whether a car may be at a kink at the end of the interval.
-        """
+    def advance(b):
+        """Advance a block; return whether a car may be at a kink at the end of the interval."""
         kinks = False
-        if own[1] > 0:
-            own[1] -= 1
+        if b.own[QUIET] > 0:
+            b.own[QUIET] -= 1
         else:
             quiet = NEVER
             for j in range(b.lanes):
                 time = load(b.clock, 0, LANES, j, CLOCK)
                 kinks |= time.next <= time.start + time.elapsed * b.dt + b.dt
                 quiet = min(quiet, quiet_of(b.clock, j, b.dt))
-            own[1] = quiet
+            b.own[QUIET] = 0 if kinks else quiet
             if kinks:
-                own[1] = 0
-                b.s[SAVED * LANES : (SAVED + MOVES) * LANES] = b.z[: MOVES * LANES]
+                for i in range(HELD * LANES):
+                    b.s[i] = b.z[i]
         if single and int(b.clock[ELAPSED * LANES]) % RESEED == 0:
             reseed(b)
         advance_all(b)
@@ -356,7 +347,6 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
         look=look,
         drive=drive,
         advance=advance,
-        table_of=table_of,
         quiet_of=quiet_of,
         sources=source_stamp(
             driving, car.prepare, kind.command, exact_of, *(each for each in roads if each)

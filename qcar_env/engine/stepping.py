@@ -24,13 +24,14 @@ from qcar_env.engine.compile import (
     kernel,
     load,
     load_wide,
+    negative,
     negative_sum,
     outcome,
     save,
     source_stamp,
     together,
 )
-from qcar_env.engine.composition import Block, Composition
+from qcar_env.engine.composition import ENDED, OWN_FIXED, QUIET, Block, Composition
 from qcar_env.engine.driving import CLOCK, CLOCKS, DONE, PHASORS, driving
 from qcar_env.engine.layout import Layout
 from qcar_env.engine.random import uniform
@@ -115,35 +116,35 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
     moving = Layout(
         state=STATE,
         phasors=PHASORS,
-        before=BEFORE,
         held=COMMAND,
+        before=BEFORE,
         later=(0.0,) * (what.delay * m),
         sensors=(0.0,) * remembered,
         shown=ENTRIES if senses else (),
     )
     fixed = Layout(driven=DRIVEN, map=(0.0,) * motion.map_size, read=READ)
     passed = Layout(
-        command=COMMAND,
         state=STATE,
         phasors=PHASORS,
+        held=COMMAND,
+        before=BEFORE,
         entries=ENTRIES,
         forces=COMMAND,
-        costs=COSTS,
-        ends=(0.0,) * 4,
-        measured=BEFORE,
+        rewards=(0.0, *COSTS, 0.0),
+        ends=(0.0, 0.0),
     )
-    X, W, REMEMBERED, HELD, LATER, SENSORS, SHOWN = (moving.row(name) for name in moving.trees)
-    C, _, _, E, U, COST, END, MEASURED = (passed.row(name) for name in passed.trees)
-    R, MEMORY = fixed.row("read"), len(flat(BEFORE))
-    OWN_CLOCK = moving.size
-    OWN_FIXED = OWN_CLOCK + CLOCKS.size
-    DT = OWN_FIXED + fixed.size
+    X, W, HELD, REMEMBERED, LATER, SENSORS, SHOWN = (moving.row(name) for name in moving.trees)
+    E, U, REWARD, END = (passed.row(name) for name in ("entries", "forces", "rewards", "ends"))
+    R = fixed.row("read")
+    MY_CLOCK = moving.size
+    MY_FIXED = MY_CLOCK + CLOCKS.size
+    DT = MY_FIXED + fixed.size
     SUBSTEPS, TABLE = DT + 1, DT + 2
     ELAPSED, LAST = CLOCKS.find("clock.elapsed"), CLOCKS.find("clock.last")
     NONE, NO_TABLE = real(0.0), ()
 
     start, keep, moment, look, drive, advance = motion[7:13]
-    table_of, quiet_of = motion.table_of, motion.quiet_of
+    quiet_of = motion.quiet_of
     next_kink, phasor_at, reading = motion.road.next_kink, motion.road.phasor, motion.road.reading
     memory, turning = STATE.memory, motion.turning
     command_of, later = kind.command, delaying(what.delay, m, COMMAND)
@@ -185,8 +186,8 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
     if senses:
 
         @compiled
-        def finished(raw, r):
-            return raw  # sensors read it first
+        def set_out(b, j, raw, r):
+            save(b.s, E, LANES, j, raw)  # sensors read it first
 
         @compiled
         def read_by_sensors(z, stride, j, raw, noise, elapsed, dt, r, begin):
@@ -196,21 +197,21 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             return seen
 
         @compiled
-        def shown(z, stride, j, raw, r):
+        def show_again(z, stride, j, raw, r):
             return load_wide(z, SHOWN, stride, j, ENTRIES)
 
     else:
 
         @compiled
-        def finished(raw, r):
-            return bounded(times(raw, r.scales), OBSERVATION_LIMIT)
+        def set_out(b, j, raw, r):
+            save(b.shown, 0, LANES, j, bounded(times(raw, r.scales), OBSERVATION_LIMIT))
 
         @compiled
         def read_by_sensors(z, stride, j, raw, noise, elapsed, dt, r, begin):
             return times(raw, r.scales)
 
         @compiled
-        def shown(z, stride, j, raw, r):
+        def show_again(z, stride, j, raw, r):
             return times(raw, r.scales)
 
     # A car by itself --------------------------------------------------------------------------
@@ -268,7 +269,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
     @kernel(nogil=False)
     def reset_one(car, uniforms, given, nominal, draws, targets, seen):
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        z, clock, p = car[:OWN_CLOCK], car[OWN_CLOCK:OWN_FIXED], car[OWN_FIXED:DT]
+        z, clock, p = car[:MY_CLOCK], car[MY_CLOCK:MY_FIXED], car[MY_FIXED:DT]
         dt, n, table = car[DT], int(car[SUBSTEPS]), car[TABLE:]
         start_car(z, clock, p, 1, 0, uniforms, given, nominal, draws, targets, table, dt, n, seen)
 
@@ -277,13 +278,13 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         if action.shape[0] != m:
             return outcome(WRONG_SHAPE, 0.0, False, False, COSTS, 0.0)
-        time = load(car, OWN_CLOCK, 1, 0, CLOCK)
+        time = load(car, MY_CLOCK, 1, 0, CLOCK)
         if time.done > 0.0:
             return outcome(OVER, 0.0, False, False, COSTS, 0.0)
         first, last = float(action[0]), float(action[m - 1])
         if not (abs(first) <= HIGHEST and abs(last) <= HIGHEST):
             return outcome(NOT_FINITE, 0.0, False, False, COSTS, 0.0)
-        driven, r = load(car, OWN_FIXED, 1, 0, DRIVEN), load(car, OWN_FIXED + R, 1, 0, READ)
+        driven, r = load(car, MY_FIXED, 1, 0, DRIVEN), load(car, MY_FIXED + R, 1, 0, READ)
         dt, n, table = car[DT], int(car[SUBSTEPS]), car[TABLE:]
         c = later(car, LATER, 1, 0, command_of((first, last), driven.actuator))
         x, w = load(car, X, 1, 0, STATE), load(car, W, 1, 0, PHASORS)
@@ -301,7 +302,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         save(car, X, 1, 0, x)
         save(car, W, 1, 0, w)
         save(car, REMEMBERED, 1, 0, measured)
-        save(car, OWN_CLOCK, 1, 0, clock)
+        save(car, MY_CLOCK, 1, 0, clock)
         save(car, HELD, 1, 0, c)
         raw = read(now, driven)
         entries = read_by_sensors(car, 1, 0, raw, time.noise, elapsed, dt, r, False)
@@ -326,7 +327,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         start_car(
             fleet.slabs[block],
             clock,
-            fleet.fixed[own[0]],
+            fleet.fixed[own[OWN_FIXED]],
             LANES,
             j,
             uniforms,
@@ -334,12 +335,12 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             fleet.nominals[k],
             fleet.draws[k],
             fleet.targets[first:last],
-            table_of(fleet.tables, fleet.bounds, i),
+            fleet.tables[fleet.bounds[i, 0] : fleet.bounds[i, 1]],
             fleet.dt,
             fleet.substeps,
             seen,
         )
-        own[1] = min(own[1], quiet_of(clock, j, fleet.dt))
+        own[QUIET] = min(own[QUIET], quiet_of(clock, j, fleet.dt))
 
     @kernel
     def begin(fleet, which, given, draw, seen):
@@ -355,7 +356,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         for i in range(seen.shape[0]):
             block, j = i // LANES, i % LANES
-            z, p = fleet.slabs[block], fleet.fixed[fleet.blocks[block, 0]]
+            z, p = fleet.slabs[block], fleet.fixed[fleet.blocks[block, OWN_FIXED]]
             driven, r = load_wide(p, 0, LANES, j, DRIVEN), load_wide(p, R, LANES, j, READ)
             time = load(fleet.clocks[block], 0, LANES, j, CLOCK)
             now = look(
@@ -365,39 +366,39 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
                 driven,
                 int(time.kink),
                 time.start + time.elapsed * fleet.dt,
-                table_of(fleet.tables, fleet.bounds, i),
+                fleet.tables[fleet.bounds[i, 0] : fleet.bounds[i, 1]],
             )
-            entries = shown(z, LANES, j, read(now, driven), r)
+            entries = show_again(z, LANES, j, read(now, driven), r)
             for k in range(K):
                 seen[i, k] = entry(entries[k])
 
     @compiled
-    def note(now, b, j, driven, r):
-        """Pass on what has been read of one car."""
-        costs, out, measured = judge(now, load(b.z, REMEMBERED, LANES, j, BEFORE), driven, r)
-        save(b.s, COST, LANES, j, costs)
-        save(b.s, E, LANES, j, finished(read(now, driven), r))
-        save(b.s, U, LANES, j, forces_of(now))
+    def note(now, before, b, j, driven, r):
+        """Pass on what has been read of one car, and remember what the reward's terms have read."""
+        costs, out, measured = judge(now, before, driven, r)
         late = (b.clock[ELAPSED * LANES + j] >= b.clock[LAST * LANES + j]) & (not out)
         penalty = -r.penalty * out
-        save(b.s, END, LANES, j, (out, late, penalty, negative_sum(costs) + penalty))
-        save(b.s, MEASURED, LANES, j, measured)
+        set_out(b, j, read(now, driven), r)
+        save(b.s, U, LANES, j, forces_of(now))
+        save(b.s, REWARD, LANES, j, (negative_sum(costs) + penalty, negative(costs), penalty))
+        save(b.s, END, LANES, j, (out, late))
+        save(b.z, REMEMBERED, LANES, j, measured)
 
     @compiled_apart
-    def inspect_one(b, j):
+    def inspect_one(b, j, before):
         """Read one car by itself."""
         driven, r = load_wide(b.p, 0, LANES, j, DRIVEN), load_wide(b.p, R, LANES, j, READ)
         time = load(b.clock, 0, LANES, j, CLOCK)
         now = look(
             load_wide(b.z, X, LANES, j, STATE),
             load_wide(b.z, W, LANES, j, PHASORS),
-            load_wide(b.s, C, LANES, j, COMMAND),
+            load_wide(b.z, HELD, LANES, j, COMMAND),
             driven,
             int(time.kink),
             time.start + time.elapsed * b.dt,
-            table_of(b.tables, b.bounds, j),
+            b.tables[b.bounds[j, 0] : b.bounds[j, 1]],
         )
-        note(now, b, j, driven, r)
+        note(now, before, b, j, driven, r)
 
     if turning:
 
@@ -408,8 +409,8 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
                 driven, r = load(b.p, 0, LANES, j, DRIVEN), load(b.p, R, LANES, j, READ)
                 x, w = load(b.z, X, LANES, j, STATE), load(b.z, W, LANES, j, PHASORS)
                 y, y_dot, input = reading(NONE, 0, w, driven, NO_TABLE)
-                c = load(b.s, C, LANES, j, COMMAND)
-                note(moment(x, w, c, driven, y, y_dot, input), b, j, driven, r)
+                now = moment(x, w, load(b.z, HELD, LANES, j, COMMAND), driven, y, y_dot, input)
+                note(now, load(b.z, REMEMBERED, LANES, j, BEFORE), b, j, driven, r)
 
     else:
 
@@ -417,82 +418,123 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         def inspect(b):
             """Read all cars of a block."""
             for j in range(b.lanes):
-                inspect_one(b, j)
+                inspect_one(b, j, load_wide(b.z, REMEMBERED, LANES, j, BEFORE))
 
     @compiled
     def put_out(b, seen, rewards, push, ends):
-        """Write what a block's cars have done; return whether an episode is over."""
+        """Write what a block's cars have done, and whether the episode of one is over.
+
+        Arrays of a row for each car are flat, so that the distances in them are constants.
+        """
         s, over = b.s, False
-        for i in range(m):
-            for j in range(b.lanes):
-                push[j, i] = s[(U + i) * LANES + j]
+        first, last = b.first, b.first + b.lanes
+        own_seen, own_push = seen[first * K : last * K], push[first * m : last * m]
         for j in range(b.lanes):
-            rewards[0, j] = s[(END + 3) * LANES + j]
-        for i in range(T):
-            for j in range(b.lanes):
-                rewards[1 + i, j] = -s[(COST + i) * LANES + j]
+            for k in range(K):
+                own_seen[j * K + k] = b.shown[k * LANES + j]
         for j in range(b.lanes):
-            rewards[T + 1, j] = s[(END + 2) * LANES + j]
+            for i in range(m):
+                own_push[j * m + i] = s[(U + i) * LANES + j]
+        for i in range(T + 2):
+            row = rewards[i, first:last]
+            for j in range(b.lanes):
+                row[j] = s[(REWARD + i) * LANES + j]
         for i in range(2):
+            which = ends[i, first:last]
             for j in range(b.lanes):
-                ends[i, j] = s[(END + i) * LANES + j] > NONE
-        for k in range(K):
-            for j in range(b.lanes):
-                seen[j, k] = np.float32(s[(E + k) * LANES + j])
+                which[j] = s[(END + i) * LANES + j] > NONE
         for j in range(b.lanes):
             over |= s[END * LANES + j] + s[(END + 1) * LANES + j] + b.clock[DONE * LANES + j] > NONE
-        return over
+        b.own[ENDED] = over
 
-    @kernel
-    @compiled_apart  # for kernels of many intervals, see `qcar_env.engine.held_law`
-    def step(fleet, worker, first_block, end_block, actions, seen, rewards, push, ends):
+    @compiled_apart(allocates=False)
+    def step_blocks(
+        slabs,
+        clocks,
+        fixed_slabs,
+        blocks,
+        tables,
+        bounds,
+        s,
+        stages,
+        shown,
+        dt,
+        n,
+        first_block,
+        end_block,
+        actions,
+        seen,
+        rewards,
+        push,
+        ends,
+    ):
         """Advance the cars of some blocks.
 
         Returns 0, `OVER` if an episode is over, now or before, or `NOT_FINITE` if an action is no
         finite number; no car has moved then.
         """
-        sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        cars, dt, n = actions.shape[0], fleet.dt, fleet.substeps
-        s, stages = fleet.scratch[worker], fleet.stages[worker]
-        over, wrong = False, False
-        for i in range(first_block * LANES, min(end_block * LANES, cars)):
-            for k in range(m):
-                wrong |= not abs(actions[i, k]) <= HIGHEST
+        cars = ends.shape[1]
+        over, wrong = 0, 0
+        given = actions[first_block * LANES * m : min(end_block * LANES, cars) * m]
+        for i in range(given.shape[0]):
+            wrong |= not abs(given[i]) <= HIGHEST
         if wrong:
             return NOT_FINITE
         for block in range(first_block, end_block):
-            first, own = block * LANES, fleet.blocks[block]
+            first, own = block * LANES, blocks[block]
             last = min(first + LANES, cars)
-            bounds, given = fleet.bounds[first:last], actions[first:last]
-            z, clock, p = fleet.slabs[block], fleet.clocks[block], fleet.fixed[own[0]]
-            b = Block(z, clock, p, s, stages, last - first, fleet.tables, bounds, dt, n)
-            for j in range(b.lanes):
-                driven = load(p, 0, LANES, j, DRIVEN)
-                action = (real(given[j, 0]), real(given[j, m - 1]))
-                command = later(z, LATER, LANES, j, command_of(action, driven.actuator))
-                save(s, C, LANES, j, command)
-                save(z, HELD, LANES, j, command)  # what is read again when others are reset
-            kinks = advance(b, own)
+            z, clock, p, lanes = slabs[block], clocks[block], fixed_slabs[own[OWN_FIXED]], last - first
+            table_bounds = bounds[first:last]
+            b = Block(first, own, z, clock, p, s, stages, shown, lanes, tables, table_bounds, dt, n)
+            given = actions[first * m : last * m]
+            for j in range(lanes):
+                action = (real(given[j * m]), real(given[j * m + m - 1]))
+                command = command_of(action, load(p, 0, LANES, j, DRIVEN).actuator)
+                save(z, HELD, LANES, j, later(z, LATER, LANES, j, command))
+            kinks = advance(b)
+            if kinks:
+                for i in range(REMEMBERED * LANES, LATER * LANES):
+                    s[i] = z[i]
             inspect(b)
             if kinks:
-                for j in range(b.lanes):
+                for j in range(lanes):
                     time = load(clock, 0, LANES, j, CLOCK)
                     if time.next <= time.start + time.elapsed * dt:
-                        inspect_one(b, j)
-            for i in range(MEMORY * LANES):  # after every car was read, some of them twice
-                z[REMEMBERED * LANES + i] = s[MEASURED * LANES + i]
+                        inspect_one(b, j, load_wide(s, REMEMBERED, LANES, j, BEFORE))
             if senses:
-                for j in range(b.lanes):
+                for j in range(lanes):
                     r, time = load_wide(p, R, LANES, j, READ), load(clock, 0, LANES, j, CLOCK)
                     raw = load_wide(s, E, LANES, j, ENTRIES)
-                    now = read_by_sensors(
-                        z, LANES, j, raw, time.noise, time.elapsed, dt, r, False
-                    )
-                    save(s, E, LANES, j, bounded(now, OBSERVATION_LIMIT))
-            over |= put_out(
-                b, seen[first:last], rewards[:, first:last], push[first:last], ends[:, first:last]
-            )
+                    now = read_by_sensors(z, LANES, j, raw, time.noise, time.elapsed, dt, r, False)
+                    save(b.shown, 0, LANES, j, bounded(now, OBSERVATION_LIMIT))
+            put_out(b, seen, rewards, push, ends)
+            over |= own[ENDED]
         return OVER if over else FINE
+
+    @kernel
+    @compiled_apart  # for kernels of many intervals, see `qcar_env.engine.held_law`
+    def step(fleet, worker, first_block, end_block, actions, seen, rewards, push, ends):
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        return step_blocks(
+            fleet.slabs,
+            fleet.clocks,
+            fleet.fixed,
+            fleet.blocks,
+            fleet.tables,
+            fleet.bounds,
+            fleet.scratch[worker],
+            fleet.stages[worker],
+            fleet.shown[worker],
+            fleet.dt,
+            fleet.substeps,
+            first_block,
+            end_block,
+            actions.reshape(actions.size),
+            seen.reshape(seen.size),
+            rewards,
+            push.reshape(push.size),
+            ends,
+        )
 
     @kernel
     def turn_over(fleet, same_step, seen, rewards, push, ends, begun, phases, finals):
@@ -504,22 +546,26 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         """
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         given, count = np.full(5, np.nan), 0
-        for i in range(ends.shape[1]):
-            clock, j = fleet.clocks[i // LANES], i % LANES
-            before, now = clock[DONE * LANES + j] > 0.0, ends[0, i] or ends[1, i]
-            if before:
-                push[i] = 0.0
-                rewards[:, i] = 0.0
-                ends[:, i] = False
-            elif now:
-                clock[DONE * LANES + j] = 1.0
-            if before or (now and same_step):
-                if same_step:
-                    finals[count] = seen[i]
-                begun[count] = i
-                begin_car(fleet, i, given, True, seen[i])
-                phases[i] = load(clock, 0, LANES, j, CLOCK).phase
-                count += 1
+        for block in range(fleet.blocks.shape[0]):
+            if not fleet.blocks[block, ENDED]:
+                continue
+            clock = fleet.clocks[block]
+            for i in range(block * LANES, min((block + 1) * LANES, ends.shape[1])):
+                j = i - block * LANES
+                before, now = clock[DONE * LANES + j] > 0.0, ends[0, i] or ends[1, i]
+                if before:
+                    push[i] = 0.0
+                    rewards[:, i] = 0.0
+                    ends[:, i] = False
+                elif now:
+                    clock[DONE * LANES + j] = 1.0
+                if before or (now and same_step):
+                    if same_step:
+                        finals[count] = seen[i]
+                    begun[count] = i
+                    begin_car(fleet, i, given, True, seen[i])
+                    phases[i] = load(clock, 0, LANES, j, CLOCK).phase
+                    count += 1
         return count
 
     return Kernels(
@@ -534,5 +580,5 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         entries=entries_of,
         step_one=step_one,
         reset_one=reset_one,
-        own=Own(clock=OWN_CLOCK, dt=DT, table=TABLE),
+        own=Own(clock=MY_CLOCK, dt=DT, table=TABLE),
     )
