@@ -10,12 +10,11 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, NamedTuple, Protocol
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.engine.compile import LANES, aligned
-from qcar_env.engine.composition import FIELDS, OWN_FIXED, QUIET, Fleet
+from qcar_env.engine.compile import LANES, aligned, entry
+from qcar_env.engine.composition import OWN_FIXED, QUIET, Drawn, Moved, Scratch
 from qcar_env.engine.driving import CLOCKS
 from qcar_env.engine.held_law import driver
 from qcar_env.engine.layout import columns
@@ -29,7 +28,7 @@ BOOL, COUNT = np.dtype(np.bool_), np.dtype(np.int64)
 
 CARS_A_THREAD = 16384  # at least: handing fewer over to another thread costs what it saves
 DISABLED, NEXT_STEP, SAME_STEP = range(3)  # what becomes of a car whose episode is over
-SLABS = ("slabs", "clocks", "fixed", "scratch", "stages", "shown")  # of a `Fleet`, aligned in memory
+SLABS = ("slabs", "clocks", "fixed", "numbers", "stages", "shown")  # aligned in memory
 MOVING = ("slabs", "clocks", "fixed", "blocks", "streams", "uniforms")
 NOTHING_GIVEN = np.full((1, 5), np.nan)
 
@@ -93,18 +92,20 @@ class Cars:
         self._workers = max(1, min(whole("threads", threads), self.n // CARS_A_THREAD))
         self._compose()
         blocks, substeps = -(-self.n // LANES), 1 if exact else plan.substeps
+        self._blocks = blocks
         moving, fixed = self.kernels.moving.size, self.kernels.fixed.size
         stages = (2 * substeps + 1) * self.kernels.stages
-        self._a: dict[str, Any] = {  # the fields of a `Fleet`
+        self._a: dict[str, Any] = {  # the fields of `Moved` and `Drawn`, and a row of `Scratch` for each worker
             "slabs": self._slab(blocks, moving),
             "clocks": aligned((blocks, CLOCKS.size * LANES)),
             "fixed": self._slab(1, fixed),
             "blocks": np.zeros((blocks, 3), COUNT),
-            "scratch": self._slab(self._workers, self.kernels.scratch),
+            "numbers": self._slab(self._workers, self.kernels.scratch),
             "stages": self._slab(self._workers, stages),
             "shown": aligned((self._workers, self.size * LANES), SHOWN),
             "streams": np.zeros((self.n, 4), np.uint64),
             "chosen": np.zeros(self.n, COUNT),
+            "row": plan.source.row.copy(),
             "uniforms": np.zeros((self.n, plan.source.uniforms)),
             "dt": float(plan.dt),
             "substeps": substeps,
@@ -126,14 +127,27 @@ class Cars:
 
     def _bind(self) -> None:
         """Hand the arrays over to compiled code, and compile."""
-        self._fleet: Any = Fleet(*(self._a[name] for name in FIELDS))
-        examples = (self._fleet, 0, 0, 1, np.empty(self._shape, SHOWN), *self._outputs())
-        self._step = self.kernels.step.compile(tuple(numba.typeof(each) for each in examples))
+        a = self._a
+        self._moved, self._drawn = (
+            kind(*(a[name] for name in kind._fields)) for kind in (Moved, Drawn)
+        )
+        self._of_worker = [
+            (*self._moved, *(a[name][i] for name in Scratch._fields))
+            for i in range(self._workers)
+        ]
+        outputs = self._outputs()
+        self._step = entry(
+            self.kernels.step, *self._of_worker[0], 0, 1, np.empty(self._shape, SHOWN), *outputs
+        )
+        self._turn = entry(
+            *(self.kernels.turn_over, self._moved, self._drawn, NOTHING_GIVEN, True, *outputs),
+            *(self._a["chosen"], np.zeros(0), outputs[0]),
+        )
         self._pid = os.getpid()
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave compiled code and threads behind; they are made anew."""
-        made = ("kernels", "_step", "_fleet", "_pool")
+        made = ("kernels", "_step", "_turn", "_moved", "_drawn", "_of_worker", "_pool")
         return {name: value for name, value in vars(self).items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -246,7 +260,7 @@ class Cars:
             self._draw_from_chosen(cars)
         if uniforms is not None:
             self.uniforms[cars, : uniforms.shape[1]] = uniforms
-        self.kernels.begin(self._fleet, cars, given, uniforms is None, seen)
+        self.kernels.begin(self._moved, self._drawn, cars, given, uniforms is None, seen)
 
     def _draw_from_chosen(self, cars: Any) -> None:
         self._drawn_from[cars] = chosen = self._a["chosen"][cars]
@@ -276,7 +290,7 @@ class Cars:
                     a["blocks"][:, OWN_FIXED] = 0
                 self._forget()
         else:
-            self.kernels.show(self._fleet, seen)
+            self.kernels.show(self._moved, seen)
         a["blocks"][:, QUIET] = np.iinfo(COUNT).max if every else 0
         own = None if uniforms is None else uniforms[cars]
         self.begin(cars, np.ascontiguousarray(given[cars], FLOAT), seen, own)
@@ -327,7 +341,7 @@ class Cars:
         try:
             seen, rewards, force, ends = outputs = self._outputs()
             if self._workers == 1:
-                code = self._step(self._fleet, 0, 0, len(self._a["slabs"]), actions, *outputs)
+                code = self._step(*self._of_worker[0], 0, self._blocks, actions, *outputs)
             else:
                 code = self._share_out(actions, outputs)
             if code == NOT_FINITE:
@@ -343,9 +357,9 @@ class Cars:
             return NOT_FINITE
         if self._pool is None or self._pid != os.getpid():
             self._pool, self._pid = ThreadPoolExecutor(self._workers - 1), os.getpid()
-        edges = [len(self._a["slabs"]) * i // self._workers for i in range(self._workers + 1)]
+        edges = [self._blocks * i // self._workers for i in range(self._workers + 1)]
         calls = [
-            (self._fleet, i, edges[i], edges[i + 1], actions, *outputs)
+            (*self._of_worker[i], edges[i], edges[i + 1], actions, *outputs)
             for i in range(self._workers)
         ]
         jobs = [self._pool.submit(self._step, *call) for call in calls[1:]]
@@ -363,8 +377,9 @@ class Cars:
         cars, phases = np.empty(n, COUNT), np.zeros(n)
         finals = np.empty((n if same_step else 0, self.size), SHOWN)
         seen, rewards, force, ends = outputs
-        count = self.kernels.turn_over(
-            self._fleet, same_step, seen, rewards, force, ends, cars, phases, finals
+        count = self._turn(
+            *(self._moved, self._drawn, NOTHING_GIVEN, same_step, seen, rewards, force, ends),
+            *(cars, phases, finals),
         )
         if not count:
             return None
@@ -420,8 +435,8 @@ class Cars:
             )
         peak = np.zeros((self.n, 2))
         driver(self.kernels.step.py_func, act)(
-            *(self._fleet, *self._outputs()[1:], seen, np.zeros(self._shape, SHOWN)),
-            *(gains, self.n // laws, shared, intervals, window, peak),
+            *(self._moved, Scratch(*self._of_worker[0][-3:]), self._outputs(), seen),
+            *(np.zeros(self._shape, SHOWN), gains, self.n // laws, shared, intervals, window, peak),
         )
         return np.where(np.isnan(peak), np.inf, peak)
 

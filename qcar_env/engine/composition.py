@@ -5,18 +5,11 @@ has), and what stays the same during an episode. Their rows are computed from th
 lie there (`qcar_env.engine.layout`).
 """
 
-# pyright: basic
-# numba has no types for what it compiles.
-
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-from numba import types
-from numba.experimental import structref
-
-from qcar_env.engine.compile import kernel
 from qcar_env.engine.course import RoadFunctions
 from qcar_env.engine.sensing import Sensed
 from qcar_env.engine.starts import Nominal
@@ -53,52 +46,44 @@ class Composition:
 
 # A fleet in compiled code ------------------------------------------------------------------------
 
-FIELDS = (
-    "slabs",  # (blocks, rows * LANES) what moves
-    "clocks",  # (blocks, rows * LANES)
-    "fixed",  # (1 or blocks, rows * LANES) one slab where all cars have the same numbers
-    "blocks",  # (blocks, 3) see `OWN_FIXED`
-    "tables",  # (e,) of all roads
-    "bounds",  # (n, 2) where each car's table lies there
-    "scratch",  # (workers, rows * LANES) what is passed on within an interval
-    "stages",  # (workers, rows * LANES) what a road that is read does at the stage times
-    "shown",  # (workers, entries * LANES) of float32, observations
-    "streams",  # (n, 4) random streams
-    "chosen",  # (n,) which source a car draws its next episode from
-    "nominals",  # (sources, k) `qcar_env.engine.starts.Nominal`
-    "draws",  # (sources, d, e) distributions, see `qcar_env.engine.starts.drawn`
-    "targets",  # (t, 3) what they change, see `qcar_env.engine.starts.vary`
-    "counts",  # (sources, 3) uniform numbers that an episode takes; first and last target
-    "uniforms",  # (n, most) what episodes were drawn from
-    "dt",  # control interval [s]
-    "substeps",  # Runge-Kutta steps in it
-)
+
+class Moved(NamedTuple):
+    """The arrays that a step takes."""
+
+    slabs: Any  # (blocks, rows * LANES) what moves
+    clocks: Any  # (blocks, rows * LANES)
+    fixed: Any  # (1 or blocks, rows * LANES) one slab where all cars have the same numbers
+    blocks: Any  # (blocks, 3) see `OWN_FIXED`
+    tables: Any  # (e,) of all roads
+    bounds: Any  # (n, 2) where each car's table lies there
+    dt: Any  # control interval [s]
+    substeps: Any  # Runge-Kutta steps in it
+
+
+class Scratch(NamedTuple):
+    """What a thread passes on within an interval."""
+
+    numbers: Any  # (rows * LANES,)
+    stages: Any  # (rows * LANES,) what a road that is read does at the stage times
+    shown: Any  # (entries * LANES,) of float32, observations
+
+
+class Drawn(NamedTuple):
+    """The arrays that episodes are drawn from."""
+
+    streams: Any  # (n, 4) random streams
+    chosen: Any  # (n,) which source a car draws its next episode from
+    nominals: Any  # (sources, k) `qcar_env.engine.starts.Nominal`
+    draws: Any  # (sources, d, e) distributions, see `qcar_env.engine.starts.drawn`
+    targets: Any  # (t, 3) what they change, see `qcar_env.engine.starts.vary`
+    counts: Any  # (sources, 3) uniform numbers that an episode takes; first and last target
+    uniforms: Any  # (n, most) what episodes were drawn from
+    row: Any  # (k,) room for one of `nominals`, as drawn
 
 
 # Of a block: which of `fixed` is its own, for how many intervals none of its cars can meet a kink,
 # and whether the episode of one is over.
 OWN_FIXED, QUIET, ENDED = range(3)
-
-
-@structref.register
-class FleetType(types.StructRef):
-    """numba's type of a `Fleet`."""
-
-
-class Fleet(structref.StructRefProxy):
-    """The arrays of a fleet as one argument: a call with each of them takes a microsecond longer."""
-
-    def __new__(cls, *arrays: Any) -> Any:
-        """Make it in compiled code, which is kept on disk."""
-        return _fleet(*arrays)
-
-
-structref.define_proxy(Fleet, FleetType, FIELDS)
-
-
-@kernel
-def _fleet(a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r):  # noqa: ANN, E741 - of `FIELDS`  # pyright: ignore
-    return Fleet(a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p, q, r)
 
 
 class Block(NamedTuple):

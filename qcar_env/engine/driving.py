@@ -231,23 +231,18 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
 
     elif turning:
 
-        @compiled
-        def turned(b, steps):
-            for j in range(b.lanes):
-                driven = load(b.p, 0, LANES, j, DRIVEN)
-                x, w = load(b.z, 0, LANES, j, STATE), load(b.z, W, LANES, j, PHASORS)
-                c, step = load(b.z, HELD, LANES, j, COMMAND), typed(step_fractions(b.dt / b.n))
-                x, w = steps(plant_rate, x, w, driven.turning, step, c, driven)
-                save(b.z, 0, LANES, j, x)
-                save(b.z, W, LANES, j, w)
-
-        @compiled_apart
+        @compiled_apart(allocates=False)
         def advance_all(b):
             """Advance all cars of a block over an interval without a kink."""
-            for _ in range(b.n // 4):
-                turned(b, four_turning_steps)
-            for _ in range(b.n % 4):
-                turned(b, turning_step)
+            step = typed(step_fractions(b.dt / b.n))
+            for _ in range(b.n):
+                for j in range(b.lanes):
+                    driven = load(b.p, 0, LANES, j, DRIVEN)
+                    x, w = load(b.z, 0, LANES, j, STATE), load(b.z, W, LANES, j, PHASORS)
+                    c = load(b.z, HELD, LANES, j, COMMAND)
+                    x, w = turning_step(plant_rate, x, w, driven.turning, step, c, driven)
+                    save(b.z, 0, LANES, j, x)
+                    save(b.z, W, LANES, j, w)
 
     else:
 

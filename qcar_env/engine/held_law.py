@@ -39,7 +39,7 @@ def driver(step: Any, act: Any) -> Any:
 
     @kernel
     def drive(
-        fleet, rewards, push, ends, seen, actions, gains, group, shared, intervals, window, peak
+        fleet, scratch, outputs, seen, actions, gains, group, shared, intervals, window, peak
     ):
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         for block in range(fleet.slabs.shape[0]):
@@ -52,7 +52,7 @@ def driver(step: Any, act: Any) -> Any:
                     for a in range(action.shape[0]):
                         if not abs(action[a]) <= HIGHEST:
                             action[a], peak[i] = 0.0, np.nan
-                step(fleet, 0, block, block + 1, actions, seen, rewards, push, ends)
+                step(*fleet, *scratch, block, block + 1, actions, seen, *outputs[1:])
                 if k >= intervals - window:
                     for mass in range(2):
                         for i in range(first, last):

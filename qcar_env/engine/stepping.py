@@ -73,10 +73,10 @@ class Kernels:
     fixed: Layout  # slab of what stays the same during an episode
     scratch: int  # rows that are passed on within an interval
     stages: int  # and for each stage time of a road that is read
-    step: Any  # step(fleet, worker, first block, end, actions, seen, rewards, push, ends)
-    turn_over: Any  # turn_over(fleet, same_step, seen, rewards, push, ends, begun, phases, finals)
-    begin: Any  # begin(fleet, which, given, draw, seen)
-    show: Any  # show(fleet, seen)
+    step: Any  # step(*Moved, *Scratch, first block, end, actions, seen, rewards, push, ends)
+    turn_over: Any  # turn_over(Moved, Drawn, given, same_step, seen, ..., ends, begun, phases, finals)
+    begin: Any  # begin(Moved, Drawn, which, given, draw, seen)
+    show: Any  # show(Moved, seen)
     entries: Any  # entries(x, phasors, command, driven, read) of the observation on a turning road
     step_one: Any
     reset_one: Any
@@ -219,10 +219,11 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
 
     @compiled_apart
     def start_car(
-        z, clock, p, stride, j, uniforms, given, nominal, draws, targets, table, dt, n, seen
+        z, clock, p, stride, j, uniforms, given, nominal, row, draws, targets, table, dt, n, seen
     ):
         """Begin an episode, in the state and phase of `given` where these are numbers; show it."""
-        row = nominal.copy()
+        for i in range(row.shape[0]):
+            row[i] = nominal[i]
         vary(row, uniforms, draws, targets)
         one = load(row, 0, 1, 0, NOMINAL)
         numbers, reference = one.numbers, one.reference
@@ -267,13 +268,15 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             seen[i] = entry(entries[i])
 
     @kernel(nogil=False)
-    def reset_one(car, uniforms, given, nominal, draws, targets, seen):
+    def reset_one(car, uniforms, given, nominal, row, draws, targets, seen):
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         z, clock, p = car[:MY_CLOCK], car[MY_CLOCK:MY_FIXED], car[MY_FIXED:DT]
         dt, n, table = car[DT], int(car[SUBSTEPS]), car[TABLE:]
-        start_car(z, clock, p, 1, 0, uniforms, given, nominal, draws, targets, table, dt, n, seen)
+        start_car(
+            z, clock, p, 1, 0, uniforms, given, nominal, row, draws, targets, table, dt, n, seen
+        )
 
-    @kernel(nogil=False)
+    @kernel(nogil=False, allocates=False)
     def step_one(car, action, seen, push):
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         if action.shape[0] != m:
@@ -314,14 +317,14 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
     # A fleet ----------------------------------------------------------------------------------
 
     @compiled
-    def begin_car(fleet, i, given, draw, seen):
+    def begin_car(fleet, drawn, i, given, draw, seen):
         """Begin an episode of car `i`; the numbers that it is drawn from are drawn first, or kept."""
-        block, j, k = i // LANES, i % LANES, fleet.chosen[i]
-        count, first, last = fleet.counts[k]
-        uniforms = fleet.uniforms[i, :count]
+        block, j, k = i // LANES, i % LANES, drawn.chosen[i]
+        count, first, last = drawn.counts[k]
+        uniforms = drawn.uniforms[i, :count]
         if draw:
             for each in range(count):
-                uniforms[each] = uniform(fleet.streams, i)
+                uniforms[each] = uniform(drawn.streams, i)
         own = fleet.blocks[block]
         clock = fleet.clocks[block]
         start_car(
@@ -332,9 +335,10 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             j,
             uniforms,
             given,
-            fleet.nominals[k],
-            fleet.draws[k],
-            fleet.targets[first:last],
+            drawn.nominals[k],
+            drawn.row,
+            drawn.draws[k],
+            drawn.targets[first:last],
             fleet.tables[fleet.bounds[i, 0] : fleet.bounds[i, 1]],
             fleet.dt,
             fleet.substeps,
@@ -342,15 +346,15 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         )
         own[QUIET] = min(own[QUIET], quiet_of(clock, j, fleet.dt))
 
-    @kernel
-    def begin(fleet, which, given, draw, seen):
+    @kernel(allocates=exact)
+    def begin(fleet, drawn, which, given, draw, seen):
         """Begin episodes of the cars in `which`; `given` has a row for each, or one for all."""
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         for row in range(which.shape[0]):
             i = which[row]
-            begin_car(fleet, i, given[min(row, given.shape[0] - 1)], draw, seen[i])
+            begin_car(fleet, drawn, i, given[min(row, given.shape[0] - 1)], draw, seen[i])
 
-    @kernel
+    @kernel(allocates=False)
     def show(fleet, seen):
         """Write the observations of all cars."""
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
@@ -447,19 +451,20 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             over |= s[END * LANES + j] + s[(END + 1) * LANES + j] + b.clock[DONE * LANES + j] > NONE
         b.own[ENDED] = over
 
-    @compiled_apart(allocates=False)
-    def step_blocks(
+    @kernel(allocates=False)
+    @compiled_apart(allocates=False)  # for kernels of many intervals, see `held_law`
+    def step(
         slabs,
         clocks,
         fixed_slabs,
         blocks,
         tables,
         bounds,
+        dt,
+        n,
         s,
         stages,
         shown,
-        dt,
-        n,
         first_block,
         end_block,
         actions,
@@ -473,7 +478,9 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         Returns 0, `OVER` if an episode is over, now or before, or `NOT_FINITE` if an action is no
         finite number; no car has moved then.
         """
-        cars = ends.shape[1]
+        sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        cars, actions = actions.shape[0], actions.reshape(actions.size)
+        seen, push = seen.reshape(seen.size), push.reshape(push.size)
         over, wrong = 0, 0
         given = actions[first_block * LANES * m : min(end_block * LANES, cars) * m]
         for i in range(given.shape[0]):
@@ -511,33 +518,8 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             over |= own[ENDED]
         return OVER if over else FINE
 
-    @kernel
-    @compiled_apart  # for kernels of many intervals, see `qcar_env.engine.held_law`
-    def step(fleet, worker, first_block, end_block, actions, seen, rewards, push, ends):
-        sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        return step_blocks(
-            fleet.slabs,
-            fleet.clocks,
-            fleet.fixed,
-            fleet.blocks,
-            fleet.tables,
-            fleet.bounds,
-            fleet.scratch[worker],
-            fleet.stages[worker],
-            fleet.shown[worker],
-            fleet.dt,
-            fleet.substeps,
-            first_block,
-            end_block,
-            actions.reshape(actions.size),
-            seen.reshape(seen.size),
-            rewards,
-            push.reshape(push.size),
-            ends,
-        )
-
-    @kernel
-    def turn_over(fleet, same_step, seen, rewards, push, ends, begun, phases, finals):
+    @kernel(allocates=exact)
+    def turn_over(fleet, drawn, given, same_step, seen, rewards, push, ends, begun, phases, finals):
         """Mark the cars whose episode has just ended, and quiet those that had ended before.
 
         The former begin the next one at once if `same_step`, and their last observations are
@@ -545,7 +527,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         roads; return their number.
         """
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        given, count = np.full(5, np.nan), 0
+        count = 0
         for block in range(fleet.blocks.shape[0]):
             if not fleet.blocks[block, ENDED]:
                 continue
@@ -560,10 +542,10 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
                 elif now:
                     clock[DONE * LANES + j] = 1.0
                 if before or (now and same_step):
-                    if same_step:
-                        finals[count] = seen[i]
+                    for k in range(K if same_step else 0):
+                        finals[count, k] = seen[i, k]
                     begun[count] = i
-                    begin_car(fleet, i, given, True, seen[i])
+                    begin_car(fleet, drawn, i, given[0], True, seen[i])
                     phases[i] = load(clock, 0, LANES, j, CLOCK).phase
                     count += 1
         return count

@@ -131,7 +131,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self._mode = MODES[self.autoreset_mode]
         names = [each.name for each in drawn.plan.terms]
         self.terms = (*(f"reward_{name}" for name in names), "reward_travel")
-        self._names = [(name, f"_{name}") for name in self.terms]
+        self._names = [(i, name, f"_{name}") for i, name in enumerate(self.terms, 1)]
         self._started = False
         self._later = False  # whether cars may draw from something else than what they run on
         self._every = np.ones(self.num_envs, batch.BOOL)  # the mask of what all cars have
@@ -266,14 +266,14 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         ResetNeeded
             Before the first reset.
         """
-        seen, (reward, *terms), force, (terminated, truncated), begun = self.advance(actions)
+        seen, rewards, force, ends, begun = self.advance(actions)
         every = self._every
         info: dict[str, Any] = {"force": force, "_force": every}
-        for (name, mask), term in zip(self._names, terms):  # noqa: B905 - equal lengths, and quicker
-            info[name], info[mask] = term, every
+        for i, name, mask in self._names:
+            info[name], info[mask] = rewards[i], every
         if begun is not None:
             self._add_begun(info, begun)
-        return seen, reward, terminated, truncated, info
+        return seen, rewards[0], ends[0], ends[1], info
 
     def advance(self, actions: NDArray[np.float32]) -> tuple[Any, Any, Any, Any, Any]:
         """Do what `step` does; return what `qcar_env.engine.cars.Cars.step` does."""
@@ -364,7 +364,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
                 self._running[i] = self._given[i]
         info["phase"], info["_phase"] = begun.phases, again
         others = ~again
-        for _, mask in self._names:
+        for _, _, mask in self._names:
             info[mask] = others
         if begun.finals is not None:
             last: dict[str, Any] = {}
@@ -380,7 +380,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             info |= {"final_obs": final, "_final_obs": again}
             info |= {"final_info": last, "_final_info": again}
         if len(cars) == self.num_envs:
-            for name, mask in self._names:
+            for _, name, mask in self._names:
                 del info[name], info[mask]
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
