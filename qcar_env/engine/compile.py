@@ -349,6 +349,22 @@ def _align_stack(typingctx: Any) -> Any:
 align_stack: Any = intrinsic(_align_stack)
 
 
+def _widen(typingctx: Any) -> Any:
+    """Let the loops of a function use the widest vectors that the processor has.
+
+    LLVM holds processors with vectors of 512 bits to 256, as the first of them slowed down.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')  # llvmlite knows no such
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
+
+widen: Any = intrinsic(_widen)
+
+
 def holds(z: Any, row: int, stride: int, lane: int, values: Any) -> bool:
     """Return whether `save` of the same would change nothing."""
     flat = tree.flat(values)

@@ -24,6 +24,7 @@ from qcar_env.engine.compile import (
     load_wide,
     save,
     source_stamp,
+    widen,
 )
 from qcar_env.engine.composition import QUIET, Composition
 from qcar_env.engine.course import Course, Pieces, course
@@ -222,6 +223,7 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
         @compiled_apart
         def advance_all(b):
             """Advance all cars of a block over an interval without a kink."""
+            widen()
             for j in range(b.lanes):
                 x, w = load(b.z, 0, LANES, j, STATE), load(b.z, W, LANES, j, PHASORS)
                 c, turns = load(b.z, HELD, LANES, j, COMMAND), load(b.p, 0, LANES, j, DRIVEN).turning
@@ -234,6 +236,7 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
         @compiled_apart(allocates=False)
         def advance_all(b):
             """Advance all cars of a block over an interval without a kink."""
+            widen()
             step = typed(step_fractions(b.dt / b.n))
             for _ in range(b.n):
                 for j in range(b.lanes):
@@ -249,6 +252,7 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
         @compiled_apart
         def advance_all(b):
             """Advance all cars of a block over an interval without a kink."""
+            widen()
             size, step = b.dt / b.n, typed(step_fractions(b.dt / b.n))
             for j in range(b.lanes):
                 driven = load_wide(b.p, 0, LANES, j, DRIVEN)

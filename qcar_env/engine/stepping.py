@@ -30,6 +30,7 @@ from qcar_env.engine.compile import (
     save,
     source_stamp,
     together,
+    widen,
 )
 from qcar_env.engine.composition import ENDED, OWN_FIXED, QUIET, Block, Composition
 from qcar_env.engine.driving import CLOCK, CLOCKS, DONE, PHASORS, driving
@@ -479,6 +480,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         finite number; no car has moved then.
         """
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
+        widen()
         cars, actions = actions.shape[0], actions.reshape(actions.size)
         seen, push = seen.reshape(seen.size), push.reshape(push.size)
         over, wrong = 0, 0
