@@ -94,14 +94,13 @@ class Cars:
         blocks, substeps = -(-self.n // LANES), 1 if exact else plan.substeps
         self._blocks = blocks
         moving, fixed = self.kernels.moving.size, self.kernels.fixed.size
-        stages = (2 * substeps + 1) * self.kernels.stages
         self._a: dict[str, Any] = {  # the fields of `Moved` and `Drawn`, and a row of `Scratch` for each worker
             "slabs": self._slab(blocks, moving),
             "clocks": aligned((blocks, CLOCKS.size * LANES)),
             "fixed": self._slab(1, fixed),
             "blocks": np.zeros((blocks, 3), COUNT),
             "numbers": self._slab(self._workers, self.kernels.scratch),
-            "stages": self._slab(self._workers, stages),
+            "stages": self._slab(self._workers, self.kernels.stages(substeps)),
             "shown": aligned((self._workers, self.size * LANES), SHOWN),
             "streams": np.zeros((self.n, 4), np.uint64),
             "chosen": np.zeros(self.n, COUNT),

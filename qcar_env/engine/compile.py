@@ -35,6 +35,7 @@ from numba.core.bytecode import FunctionIdentity
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic, overload, register_jitable
 
+from qcar_env.parts import part
 from qcar_env.physics import tree
 
 LANES = 64  # cars in a block: its rows fit the first-level cache of 32 KB
@@ -239,6 +240,31 @@ def _bounded(a: Any, limit: Any) -> Any:
     return _implementation("a, limit", body, names)
 
 
+# What parts choose with: a product with a truth value is slow in vectors. These are one instruction
+# each and give the same, up to the sign of a zero; the first argument may be no number, and is kept.
+
+
+@overload(part.least, jit_options=INLINE, strict=False)
+def _least(a: Any, b: Any) -> Any:
+    return lambda a, b: b if b < a else a
+
+
+@overload(part.most, jit_options=INLINE, strict=False)
+def _most(a: Any, b: Any) -> Any:
+    return lambda a, b: b if b > a else a
+
+
+@overload(part.positive_part, jit_options=INLINE, strict=False)
+def _positive_part(value: Any) -> Any:
+    zero = (np.float32 if value == types.float32 else np.float64)(0.0)
+    return lambda value: zero if zero > value else value
+
+
+@overload(part.clamp, jit_options=INLINE, strict=False)
+def _clamp(value: Any, low: Any, high: Any) -> Any:
+    return lambda value, low, high: part.least(part.most(value, low), high)
+
+
 def negative_sum(costs: Any) -> Any:
     """Return ``-costs[0] - costs[1] - ...``, in this order."""
     total = -costs[0]
@@ -365,6 +391,24 @@ def _widen(typingctx: Any) -> Any:
 widen: Any = intrinsic(_widen)
 
 
+def _disjoint(typingctx: Any) -> Any:
+    """Promise that no array which a function writes to overlaps another one that it is given.
+
+    Without it a loop that looks up a table and writes elsewhere takes one car at a time.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        for each in builder.function.args[1:]:  # the first is where the result goes
+            if isinstance(each.type, ir.PointerType):
+                each.add_attribute("noalias")
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
+
+disjoint: Any = intrinsic(_disjoint)
+
+
 def holds(z: Any, row: int, stride: int, lane: int, values: Any) -> bool:
     """Return whether `save` of the same would change nothing."""
     flat = tree.flat(values)
@@ -441,6 +485,7 @@ def compiles(function: Any, *examples: Any) -> str:
 
 # What compiled code has in another form, above.
 _REGISTERED: set[Any] = {
+    *(part.least, part.most, part.positive_part, part.clamp),
     *(tree.advance, tree.add, tree.combine, tree.times, tree.bounded),
     *(load, load_wide, save, holds, weighted, negative, negative_sum, outcome),
 }

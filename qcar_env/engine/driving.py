@@ -19,6 +19,7 @@ from qcar_env.engine.compile import (
     LANES,
     compiled,
     compiled_apart,
+    disjoint,
     holds,
     load,
     load_wide,
@@ -33,6 +34,7 @@ from qcar_env.engine.layout import Layout
 from qcar_env.engine.starts import Clock, Driven, Force
 from qcar_env.physics.car import REST
 from qcar_env.physics.motion import (
+    Input,
     Phasor,
     Phasors,
     angle,
@@ -65,11 +67,12 @@ class Driving(NamedTuple):
     command: Any  # of the actuators, a tuple
     driven: Any  # Driven
     map_size: int  # numbers of an exact map, which follow the latter in its slab
-    stages: int  # numbers for each stage time of a road that is read
+    stages: Any  # stages(n): rows for what a road that is read does in an interval of n steps
     road: Course
     turning: bool  # whether the road turns a phasor
     start: Any  # start(numbers, phase, endless, step) -> Driven, time on the road [s]
     keep: Any  # keep(p, stride, j, driven, step): write what stays the same
+    at_end: Any  # at_end(block, j, w, driven) -> y, y', input, of a car that is at no kink
     moment: Any  # moment(x, w, command, driven, y, y_dot, input) -> Moment
     look: Any  # look(x, w, command, driven, kink, t, table) -> Moment
     drive: Any  # drive(x, w, command, driven, kink, next, t, dt, n, table) -> x, w, kink, next
@@ -86,6 +89,7 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
     they are kept as they were before an interval with a kink.
     """
     real = np.float32 if single else np.float64
+    NONE = real(0.0)
     car, kind, numbers = what.car, what.actuator, what.like.numbers
     road = course(what.road, car)
     plant = plant_functions(car, kind)
@@ -106,7 +110,8 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
     )
     moving = Layout(x=STATE, w=PHASORS, held=COMMAND)
     W, HELD = moving.row("w"), moving.row("held")
-    ROAD_INPUT, INPUT_SIZE = on_road, Layout(input=on_road).size
+    ROAD_INPUT, READ_SIZE = on_road, 2 + Layout(input=on_road).size
+    ROOM = READ_SIZE * LANES
     mapped = exact_of(plant.rate, STATE, COMMAND) if exact else None
     MAP = Layout(driven=DRIVEN).size
 
@@ -249,38 +254,74 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
 
     else:
 
-        @compiled_apart
+        @compiled
+        def read_at(b, j, k, table):
+            """Return what the road does to a car, half `k` steps into the interval or at its end."""
+            driven, time = load_wide(b.p, 0, LANES, j, DRIVEN), load(b.clock, 0, LANES, j, CLOCK)
+            end = time.start + (time.elapsed + 1.0) * b.dt
+            t = time.start + time.elapsed * b.dt + 0.5 * k * (b.dt / b.n) if k >= 0 else end
+            w = load_wide(b.z, W, LANES, j, PHASORS)
+            y, y_dot, input = reading(t, int(time.kink), w, driven, table)
+            return y, y_dot, input.road
+
+        @compiled_apart(allocates=False)
+        def read_together(b, table):
+            """Read the road of cars that share a table at the end and at the stage times."""
+            widen()
+            disjoint()
+            for k in range(-1, 2 * b.n + 1):
+                out = b.stages[(k + 1) * ROOM : (k + 2) * ROOM]
+                for j in range(b.lanes):
+                    save(out, 0, LANES, j, read_at(b, j, k, table))
+
+        @compiled_apart(allocates=False)
+        def read_ahead(b):
+            """Read the road at the end of the interval and at its stage times."""
+            begin, end = b.bounds[0]
+            shared = True
+            for j in range(b.lanes):
+                shared &= b.bounds[j, 0] == begin
+            if shared:
+                read_together(b, b.tables[begin:end])
+                return
+            for j in range(b.lanes):
+                table = b.tables[b.bounds[j, 0] : b.bounds[j, 1]]
+                for k in range(-1, 2 * b.n + 1):
+                    save(b.stages, (k + 1) * READ_SIZE, LANES, j, read_at(b, j, k, table))
+
+        @compiled_apart(allocates=False)
         def advance_all(b):
             """Advance all cars of a block over an interval without a kink."""
             widen()
-            size, step = b.dt / b.n, typed(step_fractions(b.dt / b.n))
-            for j in range(b.lanes):
-                driven = load_wide(b.p, 0, LANES, j, DRIVEN)
-                time = load(b.clock, 0, LANES, j, CLOCK)
-                t, kink = time.start + time.elapsed * b.dt, int(time.kink)
-                table = b.tables[b.bounds[j, 0] : b.bounds[j, 1]]
-                w = load_wide(b.z, W, LANES, j, PHASORS)
-                for k in range(2 * b.n + 1):
-                    _, _, input = reading(t + 0.5 * k * size, kink, w, driven, table)
-                    save(b.stages, k * INPUT_SIZE, LANES, j, input.road)
+            step = typed(step_fractions(b.dt / b.n))
+            read_ahead(b)
             for k in range(b.n):
-                row = 2 * k * INPUT_SIZE
+                row = (2 * k + 1) * READ_SIZE + 2
                 for j in range(b.lanes):
-                    driven = load(b.p, 0, LANES, j, DRIVEN)
+                    driven, w = load(b.p, 0, LANES, j, DRIVEN), load(b.z, W, LANES, j, PHASORS)
                     x, w = given_step(
-                        plant_rate,
-                        load(b.z, 0, LANES, j, STATE),
-                        load(b.z, W, LANES, j, PHASORS),
-                        driven.turning,
-                        step,
+                        *(plant_rate, load(b.z, 0, LANES, j, STATE), w, driven.turning, step),
                         load(b.stages, row, LANES, j, ROAD_INPUT),
-                        load(b.stages, row + INPUT_SIZE, LANES, j, ROAD_INPUT),
-                        load(b.stages, row + 2 * INPUT_SIZE, LANES, j, ROAD_INPUT),
-                        load(b.z, HELD, LANES, j, COMMAND),
-                        driven,
+                        load(b.stages, row + READ_SIZE, LANES, j, ROAD_INPUT),
+                        load(b.stages, row + 2 * READ_SIZE, LANES, j, ROAD_INPUT),
+                        *(load(b.z, HELD, LANES, j, COMMAND), driven),
                     )
                     save(b.z, 0, LANES, j, x)
                     save(b.z, W, LANES, j, w)
+
+    if turning:
+
+        @compiled
+        def at_end(b, j, w, driven):
+            return reading(NONE, 0, w, driven, ())
+
+    else:
+
+        @compiled
+        def at_end(b, j, w, driven):
+            y, y_dot = load(b.stages, 0, LANES, j, (0.0, 0.0))
+            road = load(b.stages, 2, LANES, j, ROAD_INPUT)
+            return y, y_dot, Input(road, driven.turning.F * w.force.c)
 
     @compiled_apart
     def drive_again(b):
@@ -337,11 +378,12 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
         command=COMMAND,
         driven=DRIVEN,
         map_size=mapped.size if mapped else 0,
-        stages=0 if turning else INPUT_SIZE,
+        stages=lambda n: 0 if turning else (2 * n + 2) * READ_SIZE,
         road=road,
         turning=turning,
         start=start,
         keep=keep,
+        at_end=at_end,
         moment=moment,
         look=look,
         drive=drive,

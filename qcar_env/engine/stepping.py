@@ -73,7 +73,7 @@ class Kernels:
     moving: Layout  # slab of what moves: state, phasors, what reward terms remember
     fixed: Layout  # slab of what stays the same during an episode
     scratch: int  # rows that are passed on within an interval
-    stages: int  # and for each stage time of a road that is read
+    stages: Any  # stages(n): and for what a road that is read does in an interval of n steps
     step: Any  # step(*Moved, *Scratch, first block, end, actions, seen, rewards, push, ends)
     turn_over: Any  # turn_over(Moved, Drawn, given, same_step, seen, ..., ends, begun, phases, finals)
     begin: Any  # begin(Moved, Drawn, which, given, draw, seen)
@@ -144,10 +144,10 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
     ELAPSED, LAST = CLOCKS.find("clock.elapsed"), CLOCKS.find("clock.last")
     NONE, NO_TABLE = real(0.0), ()
 
-    start, keep, moment, look, drive, advance = motion[7:13]
+    start, keep, at_end, moment, look, drive, advance = motion[7:14]
     quiet_of = motion.quiet_of
     next_kink, phasor_at, reading = motion.road.next_kink, motion.road.phasor, motion.road.reading
-    memory, turning = STATE.memory, motion.turning
+    memory = STATE.memory
     command_of, later = kind.command, delaying(what.delay, m, COMMAND)
     sources = motion.sources + source_stamp(
         compose, *(each.reading for each in what.observed), *(term.cost for term in what.terms)
@@ -405,25 +405,15 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         )
         note(now, before, b, j, driven, r)
 
-    if turning:
-
-        @compiled
-        def inspect(b):
-            """Read all cars of a block."""
-            for j in range(b.lanes):
-                driven, r = load(b.p, 0, LANES, j, DRIVEN), load(b.p, R, LANES, j, READ)
-                x, w = load(b.z, X, LANES, j, STATE), load(b.z, W, LANES, j, PHASORS)
-                y, y_dot, input = reading(NONE, 0, w, driven, NO_TABLE)
-                now = moment(x, w, load(b.z, HELD, LANES, j, COMMAND), driven, y, y_dot, input)
-                note(now, load(b.z, REMEMBERED, LANES, j, BEFORE), b, j, driven, r)
-
-    else:
-
-        @compiled
-        def inspect(b):
-            """Read all cars of a block."""
-            for j in range(b.lanes):
-                inspect_one(b, j, load_wide(b.z, REMEMBERED, LANES, j, BEFORE))
+    @compiled
+    def inspect(b):
+        """Read all cars of a block."""
+        for j in range(b.lanes):
+            driven, r = load(b.p, 0, LANES, j, DRIVEN), load(b.p, R, LANES, j, READ)
+            x, w = load(b.z, X, LANES, j, STATE), load(b.z, W, LANES, j, PHASORS)
+            y, y_dot, input = at_end(b, j, w, driven)
+            now = moment(x, w, load(b.z, HELD, LANES, j, COMMAND), driven, y, y_dot, input)
+            note(now, load(b.z, REMEMBERED, LANES, j, BEFORE), b, j, driven, r)
 
     @compiled
     def put_out(b, seen, rewards, push, ends):

@@ -226,7 +226,8 @@ class LaggedSuspensionActuator(Actuator):
     @staticmethod
     def rate(memory: Any, command: Any, travel_rate: Any, p: Any) -> Force:
         """Return the rate of the force [N/s]."""
-        return Force(clamp((command[0] - memory.F) / p.lag, -p.rate_limit, p.rate_limit))
+        inverse = 1.0 / p.lag  # the same at all stages of a step, and taken once
+        return Force(clamp((command[0] - memory.F) * inverse, -p.rate_limit, p.rate_limit))
 
     @staticmethod
     def force(memory: Any, command: Any, travel_rate: Any, p: Any) -> tuple[Any, Any]:
