@@ -84,7 +84,14 @@ class Car:
         """
         source, seen = self._source, np.empty(self.size, SHOWN)
         self.kernels.reset_one(
-            self.array, uniforms, given, source.row, source.row.copy(), source.draws, source.targets, seen
+            self.array,
+            uniforms,
+            given,
+            source.row,
+            source.row.copy(),
+            source.draws,
+            source.targets,
+            seen,
         )
         return seen
 

@@ -94,7 +94,9 @@ class Cars:
         blocks, substeps = -(-self.n // LANES), 1 if exact else plan.substeps
         self._blocks = blocks
         moving, fixed = self.kernels.moving.size, self.kernels.fixed.size
-        self._a: dict[str, Any] = {  # the fields of `Moved` and `Drawn`, and a row of `Scratch` for each worker
+        self._arrays: dict[
+            str, Any
+        ] = {  # the fields of `Moved` and `Drawn`, and a row of `Scratch` for each worker
             "slabs": self._slab(blocks, moving),
             "clocks": aligned((blocks, CLOCKS.size * LANES)),
             "fixed": self._slab(1, fixed),
@@ -126,13 +128,12 @@ class Cars:
 
     def _bind(self) -> None:
         """Hand the arrays over to compiled code, and compile."""
-        a = self._a
+        a = self._arrays
         self._moved, self._drawn = (
             kind(*(a[name] for name in kind._fields)) for kind in (Moved, Drawn)
         )
         self._of_worker = [
-            (*self._moved, *(a[name][i] for name in Scratch._fields))
-            for i in range(self._workers)
+            (*self._moved, *(a[name][i] for name in Scratch._fields)) for i in range(self._workers)
         ]
         outputs = self._outputs()
         self._step = entry(
@@ -140,7 +141,7 @@ class Cars:
         )
         self._turn = entry(
             *(self.kernels.turn_over, self._moved, self._drawn, NOTHING_GIVEN, True, *outputs),
-            *(self._a["chosen"], np.zeros(0), outputs[0]),
+            *(self._arrays["chosen"], np.zeros(0), outputs[0]),
         )
         self._pid = os.getpid()
 
@@ -153,9 +154,9 @@ class Cars:
         """Restore the arrays, and compile."""
         vars(self).update(state)
         for name in SLABS:
-            given = self._a[name]
-            self._a[name] = aligned(given.shape, given.dtype)
-            self._a[name][...] = given
+            given = self._arrays[name]
+            self._arrays[name] = aligned(given.shape, given.dtype)
+            self._arrays[name][...] = given
         self._pool, self._busy = None, False
         self._compose()
         self._bind()
@@ -174,12 +175,14 @@ class Cars:
 
     def _gather(self) -> None:
         """Lay the sources out as arrays."""
-        sources, a = self._sources, self._a
+        sources, a = self._sources, self._arrays
         deep, wide = np.max([each.draws.shape for each in sources], axis=0)
         draws = np.zeros((len(sources), deep, wide))
         for own, each in zip(draws, sources, strict=True):
             own[: each.draws.shape[0], : each.draws.shape[1]] = each.draws
-        targets, tables = ([getattr(each, name) for each in sources] for name in ("targets", "table"))
+        targets, tables = (
+            [getattr(each, name) for each in sources] for name in ("targets", "table")
+        )
         ends, last = (np.cumsum([len(each) for each in own]) for own in (targets, tables))
         counts = ([each.uniforms for each in sources], ends - [len(x) for x in targets], ends)
         self._of_table = np.stack([last - [len(x) for x in tables], last], axis=1).astype(COUNT)
@@ -187,7 +190,9 @@ class Cars:
         a["targets"], a["tables"] = np.concatenate(targets), np.concatenate(tables)
         a["counts"] = np.stack(counts, axis=1).astype(COUNT)
         a["bounds"] = self._of_table[self._drawn_from]
-        if not self._alike and len(a["fixed"]) < len(a["slabs"]):  # numbers of their own from now on
+        if not self._alike and len(a["fixed"]) < len(
+            a["slabs"]
+        ):  # numbers of their own from now on
             shared = a["fixed"]
             a["fixed"] = self._slab(len(a["slabs"]), self.kernels.fixed.size)
             a["fixed"][...] = shared
@@ -202,28 +207,28 @@ class Cars:
     @property
     def uniforms(self) -> Array:
         """Numbers from [0, 1) that the running episodes were drawn from, shape (n, most)."""
-        return self._a["uniforms"]
+        return self._arrays["uniforms"]
 
     def assign(self, groups: Sequence[tuple[NDArray[np.intp], Source]]) -> None:
         """Let cars draw their next episodes from other sources of the same composition."""
         for cars, source in groups:
             for number, known in enumerate(self._sources):
                 if _equal(known, source):
-                    self._a["chosen"][cars] = number
+                    self._arrays["chosen"][cars] = number
                     break
             else:
-                self._a["chosen"][cars] = len(self._sources)
+                self._arrays["chosen"][cars] = len(self._sources)
                 self._sources.append(source)
         most = max(each.uniforms for each in self._sources) - self.uniforms.shape[1]
         if most > 0:
-            self._a["uniforms"] = np.pad(self.uniforms, ((0, 0), (0, most)))
+            self._arrays["uniforms"] = np.pad(self.uniforms, ((0, 0), (0, most)))
         self._forget()
 
     def _forget(self) -> None:
         """Keep the sources of running and of next episodes alone."""
-        both = np.stack([self._a["chosen"], self._drawn_from])
+        both = np.stack([self._arrays["chosen"], self._drawn_from])
         used, places = np.unique(both, return_inverse=True)
-        self._a["chosen"], self._drawn_from = places.reshape(both.shape).astype(COUNT)
+        self._arrays["chosen"], self._drawn_from = places.reshape(both.shape).astype(COUNT)
         self._sources = [self._sources[i] for i in used]
         self._gather()
 
@@ -231,7 +236,7 @@ class Cars:
 
     def seed(self, cars: NDArray[np.intp], states: NDArray[np.uint64]) -> None:
         """Set the random streams of `cars`, see `qcar_env.engine.random.streams`."""
-        self._a["streams"][cars] = states
+        self._arrays["streams"][cars] = states
 
     def begin(
         self,
@@ -262,8 +267,8 @@ class Cars:
         self.kernels.begin(self._moved, self._drawn, cars, given, uniforms is None, seen)
 
     def _draw_from_chosen(self, cars: Any) -> None:
-        self._drawn_from[cars] = chosen = self._a["chosen"][cars]
-        self._a["bounds"][cars] = self._of_table[chosen]
+        self._drawn_from[cars] = chosen = self._arrays["chosen"][cars]
+        self._arrays["bounds"][cars] = self._of_table[chosen]
 
     def reset(
         self, mask: NDArray[np.bool_], given: Array, uniforms: Array | None = None
@@ -279,12 +284,14 @@ class Cars:
         uniforms : ndarray (n, count), optional
             See `begin`.
         """
-        cars, a = np.flatnonzero(mask).astype(COUNT), self._a
+        cars, a = np.flatnonzero(mask).astype(COUNT), self._arrays
         seen, every = np.empty((self.n, self.size), SHOWN), len(cars) == self.n
         if every:
             self._drawn_from[...] = a["chosen"]
             if len(self._sources) > 1 or len(a["fixed"]) > 1:
-                if len(np.unique(a["chosen"])) == 1 and not len(self._sources[a["chosen"][0]].targets):
+                if len(np.unique(a["chosen"])) == 1 and not len(
+                    self._sources[a["chosen"][0]].targets
+                ):
                     a["fixed"] = self._slab(1, self.kernels.fixed.size)
                     a["blocks"][:, OWN_FIXED] = 0
                 self._forget()
@@ -443,17 +450,22 @@ class Cars:
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return all that moves: enough for a fleet with the same sources to go on from."""
-        return {name: self._a[name].copy() for name in MOVING}
+        return {name: self._arrays[name].copy() for name in MOVING}
 
     def restore(self, kept: dict[str, NDArray[Any]]) -> None:
         """Go on from a snapshot."""
         for name in MOVING:
-            self._a[name][...] = kept[name]
+            self._arrays[name][...] = kept[name]
 
     def _columns(self, name: str, row: int, count: int) -> Array:
         """Return `count` rows of a slab from `row` on, shape (count, n)."""
-        slabs = self._a[name]
-        return columns(slabs[self._a["blocks"][:, OWN_FIXED]] if name == "fixed" else slabs, row, count, self.n)
+        slabs = self._arrays[name]
+        return columns(
+            slabs[self._arrays["blocks"][:, OWN_FIXED]] if name == "fixed" else slabs,
+            row,
+            count,
+            self.n,
+        )
 
     def entries(self, name: str) -> Any:
         """Return the cars' `state`, `phasors`, `driven` or `read`: a named tuple of arrays (n,)."""
@@ -504,7 +516,9 @@ class Cars:
                 f"elapsed must have shape ({self.n},), got {np.shape(elapsed)}; give one count of "
                 "control intervals for each car"
             )
-        rows = self._a["clocks"].reshape(-1, CLOCKS.size, LANES)[:, CLOCKS.find("clock.elapsed")]
+        rows = self._arrays["clocks"].reshape(-1, CLOCKS.size, LANES)[
+            :, CLOCKS.find("clock.elapsed")
+        ]
         padded = rows.ravel()
         padded[: self.n] = elapsed
         rows[...] = padded.reshape(rows.shape)
@@ -513,7 +527,7 @@ class Cars:
     def nbytes(self) -> int:
         """Memory that the cars take [B]."""
         own = ("slabs", "clocks", "fixed", "blocks", "streams", "chosen", "bounds")
-        return sum(self._a[name].nbytes for name in own)
+        return sum(self._arrays[name].nbytes for name in own)
 
 
 def _equal(a: Source, b: Source) -> bool:

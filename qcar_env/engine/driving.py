@@ -231,7 +231,10 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
             widen()
             for j in range(b.lanes):
                 x, w = load(b.z, 0, LANES, j, STATE), load(b.z, W, LANES, j, PHASORS)
-                c, turns = load(b.z, HELD, LANES, j, COMMAND), load(b.p, 0, LANES, j, DRIVEN).turning
+                c, turns = (
+                    load(b.z, HELD, LANES, j, COMMAND),
+                    load(b.p, 0, LANES, j, DRIVEN).turning,
+                )
                 x, w = apply_map(b.p, MAP, LANES, j, x, w, c, turns)
                 save(b.z, 0, LANES, j, x)
                 save(b.z, W, LANES, j, w)
@@ -312,10 +315,19 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
     if turning:
 
         @compiled
+        def read_again(b, j):
+            pass
+
+        @compiled
         def at_end(b, j, w, driven):
             return reading(NONE, 0, w, driven, ())
 
     else:
+
+        @compiled
+        def read_again(b, j):
+            table = b.tables[b.bounds[j, 0] : b.bounds[j, 1]]
+            save(b.stages, 0, LANES, j, read_at(b, j, -1, table))
 
         @compiled
         def at_end(b, j, w, driven):
@@ -346,6 +358,7 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
                 save(b.z, W, LANES, j, w)
                 b.clock[KINK * LANES + j] = kink
                 b.clock[NEXT * LANES + j] = next
+                read_again(b, j)
 
     @compiled
     def advance(b):
@@ -357,7 +370,8 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
             quiet = NEVER
             for j in range(b.lanes):
                 time = load(b.clock, 0, LANES, j, CLOCK)
-                kinks |= time.next <= time.start + time.elapsed * b.dt + b.dt
+                end = time.start + (time.elapsed + 1.0) * b.dt  # beside the same, rounded otherwise
+                kinks |= time.next <= max(time.start + time.elapsed * b.dt + b.dt, end)
                 quiet = min(quiet, quiet_of(b.clock, j, b.dt))
             b.own[QUIET] = 0 if kinks else quiet
             if kinks:

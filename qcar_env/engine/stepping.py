@@ -50,7 +50,7 @@ from qcar_env.engine.starts import (
 from qcar_env.physics.motion import Phasors, angle
 from qcar_env.physics.plant import PlantState
 from qcar_env.physics.state import State
-from qcar_env.physics.tree import bounded, flat, times
+from qcar_env.physics.tree import bounded, times
 
 FINE, OVER, NOT_FINITE, WRONG_SHAPE = 0, 1, -1, -2  # codes of a step
 HIGHEST = np.finfo(np.float32).max  # an action beyond is not a finite number
@@ -75,7 +75,9 @@ class Kernels:
     scratch: int  # rows that are passed on within an interval
     stages: Any  # stages(n): and for what a road that is read does in an interval of n steps
     step: Any  # step(*Moved, *Scratch, first block, end, actions, seen, rewards, push, ends)
-    turn_over: Any  # turn_over(Moved, Drawn, given, same_step, seen, ..., ends, begun, phases, finals)
+    turn_over: (
+        Any  # turn_over(Moved, Drawn, given, same_step, seen, ..., ends, begun, phases, finals)
+    )
     begin: Any  # begin(Moved, Drawn, which, given, draw, seen)
     show: Any  # show(Moved, seen)
     entries: Any  # entries(x, phasors, command, driven, read) of the observation on a turning road
@@ -482,7 +484,12 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
         for block in range(first_block, end_block):
             first, own = block * LANES, blocks[block]
             last = min(first + LANES, cars)
-            z, clock, p, lanes = slabs[block], clocks[block], fixed_slabs[own[OWN_FIXED]], last - first
+            z, clock, p, lanes = (
+                slabs[block],
+                clocks[block],
+                fixed_slabs[own[OWN_FIXED]],
+                last - first,
+            )
             table_bounds = bounds[first:last]
             b = Block(first, own, z, clock, p, s, stages, shown, lanes, tables, table_bounds, dt, n)
             given = actions[first * m : last * m]

@@ -224,7 +224,7 @@ def test_scenarios_that_no_car_draws_from_are_forgotten():
     for _ in range(50):
         scales = rng.uniform(0.1, 1.0, 4)
         env.reset(options={"force_scale": scales})
-        assert len(env._cars._nominals) <= 8
+        assert len(env._cars._sources) <= 8
     np.testing.assert_allclose(env.force_limits[:, 0], 280.0 * scales)
 
 
