@@ -27,9 +27,10 @@ from agents.trainer import (
     set_generator_state,
     tensors,
 )
-from qcar_env.engine.cars import NOTHING_GIVEN, Cars
+from qcar_env.engine.cars import Cars
 from qcar_env.engine.random import streams
 from qcar_env.engine.stepping import compose
+from qcar_env.engine.storage import NOTHING_GIVEN
 from qcar_env.envs.episode import OBSERVATION_LIMIT, Settings
 from qcar_env.physics import tree
 from qcar_env.physics.motion import Input, turning_step

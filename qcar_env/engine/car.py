@@ -8,10 +8,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.engine.cars import SHOWN, Array, Plan
-from qcar_env.engine.compile import aligned
+from qcar_env.engine.compile import (
+    aligned,
+)
 from qcar_env.engine.driving import CLOCKS
 from qcar_env.engine.stepping import FINE, NOT_FINITE, OVER, WRONG_SHAPE, compose
+from qcar_env.engine.storage import SHOWN, Array, Plan
 
 _NUMBERS = numba.types.Array(numba.types.float64, 1, "C")
 _ONE = (  # what a step takes; an action may lie in memory in any way

@@ -28,13 +28,16 @@ from qcar_env.engine.compile import (
     compiled,
     compiled_apart,
     kernel,
-    load,
-    save,
     source_stamp,
+    widen,
 )
 from qcar_env.engine.course import Course, RoadFunctions, course, sine_pieces
 from qcar_env.engine.layout import Layout
 from qcar_env.engine.starts import Force
+from qcar_env.engine.tuples import (
+    load,
+    save,
+)
 from qcar_env.physics import tree
 from qcar_env.physics.car import REST, CarFunctions
 from qcar_env.physics.closed_loop import ControlledState, LawFunctions, Limits, loop_functions
@@ -343,7 +346,7 @@ def compose(what: Composition, held: bool, fused: bool) -> tuple[Layout, Callabl
     PLANT = len(REST)
 
     @compiled
-    def next_event(z: Any, lanes: Any, step: Any) -> Any:
+    def next_event(z, lanes, step):
         """Return the number of the next step in which some car of the block meets a kink."""
         event = NEVER
         for j in range(lanes):
@@ -351,7 +354,7 @@ def compose(what: Composition, held: bool, fused: bool) -> tuple[Layout, Callabl
         return event
 
     @compiled
-    def reseed(z: Any, lanes: Any, t: Any) -> None:
+    def reseed(z, lanes, t):
         """Set the phasors of the force and of endless roads to their values at `t` [s]."""
         for j in range(lanes):
             fixed = load(z, FIX, LANES, j, FIXED)
@@ -362,9 +365,7 @@ def compose(what: Composition, held: bool, fused: bool) -> tuple[Layout, Callabl
             save(z, W, LANES, j, Phasors(on_road, angle(fixed.force.Omega * t)))
 
     @compiled_apart
-    def over_kinks(
-        x: Any, w: Any, held: Any, fixed: Any, kink: Any, next: Any, t: Any, end: Any, table: Any
-    ) -> Any:
+    def over_kinks(x, w, held, fixed, kink, next, t, end, table):
         """Advance one car from `t` to `end` [s], cut at the kinks of its road.
 
         A kink at the end is left to the next step.
@@ -392,16 +393,14 @@ def compose(what: Composition, held: bool, fused: bool) -> tuple[Layout, Callabl
     if read:
 
         @compiled
-        def read_road(z: Any, j: Any, row: Any, t: Any, table: Any) -> None:
+        def read_road(z, j, row, t, table):
             fixed = load(z, FIX, LANES, j, FIXED)
             w = load(z, W, LANES, j, PHASORS)
             _, _, input = reading(t, int(z[KINK * LANES + j]), w, fixed, table)
             save(z, row, LANES, j, input.road)
 
         @compiled
-        def one_step(
-            z: Any, lanes: Any, step: Any, k: Any, again: Any, tables: Any, bounds: Any
-        ) -> None:
+        def one_step(z, lanes, step, k, again, tables, bounds):
             """Advance all cars of a block by a step without a kink."""
             for j in range(lanes):
                 table = tables[bounds[j, 0] : bounds[j, 1]]
@@ -431,9 +430,7 @@ def compose(what: Composition, held: bool, fused: bool) -> tuple[Layout, Callabl
     else:
 
         @compiled
-        def one_step(
-            z: Any, lanes: Any, step: Any, k: Any, again: Any, tables: Any, bounds: Any
-        ) -> None:
+        def one_step(z, lanes, step, k, again, tables, bounds):
             """Advance all cars of a block by a step without a kink."""
             for j in range(lanes):
                 fixed = load(z, FIX, LANES, j, FIXED)
@@ -450,21 +447,10 @@ def compose(what: Composition, held: bool, fused: bool) -> tuple[Layout, Callabl
                 save(z, W, LANES, j, w)
 
     @kernel(fused=fused)
-    def advance(
-        slabs: Any,
-        begin: Any,
-        end: Any,
-        n: Any,
-        step: Any,
-        steps: Any,
-        hold: Any,
-        every: Any,
-        tables: Any,
-        bounds: Any,
-        record: Any,
-    ) -> None:
+    def advance(slabs, begin, end, n, step, steps, hold, every, tables, bounds, record):
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
         align_stack()
+        widen()
         for block in range(begin, end):
             z = slabs[block]
             first = block * LANES

@@ -1,4 +1,4 @@
-"""What compiled code is made with: the only file that knows numba.
+"""What compiled code is made with.
 
 The functions of parts, roads, cars, laws and rewards are compiled as they stand; no equation is
 written a second time. A kernel closes over them, so what a car is made of is resolved when it is
@@ -35,9 +35,6 @@ from numba.core.bytecode import FunctionIdentity
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic, overload, register_jitable
 
-from qcar_env.parts import part
-from qcar_env.physics import tree
-
 LANES = 64  # cars in a block: its rows fit the first-level cache of 32 KB
 INLINE = {"forceinline": True}  # without it loops over cars are not vectorised
 
@@ -46,6 +43,15 @@ INLINE = {"forceinline": True}  # without it loops over cars are not vectorised
 # loaded by a third from the cache on disk, would all be the first car's. Counting from elsewhere in
 # each process keeps them apart (tests/engine/test_compile.py).
 FunctionIdentity._unique_ids = itertools.count(secrets.randbits(62))
+
+
+_REGISTERED: set[Any] = set()  # functions that compiled code can call
+
+
+def has_form(function: Any) -> Any:
+    """Let compiled code take another form of `function`: what is decorated makes it from types."""
+    _REGISTERED.add(function)
+    return overload(function, jit_options=INLINE, strict=False)
 
 
 def compiled(function: Any) -> Any:
@@ -186,172 +192,7 @@ def _made(source: str, names: dict[str, Any]) -> Any:
     return compiled(found[source.split("(")[0].removeprefix("def ")])
 
 
-# Named tuples in compiled code -----------------------------------------------------------------
-
-
-def _entrywise(kind: Any, leaf: Callable[[str], str]) -> tuple[str, dict[str, Any]]:
-    """Return an expression that makes a tuple like `kind` of ``leaf("[i][j]")``, and its names."""
-    names: dict[str, Any] = {}
-
-    def build(part: Any, index: str) -> str:
-        if not isinstance(part, types.BaseTuple):
-            return leaf(index)
-        inside = "".join(build(each, f"{index}[{i}]") + ", " for i, each in enumerate(part.types))
-        if not isinstance(part, types.BaseNamedTuple):
-            return f"({inside})"
-        names[name := f"K{len(names)}"] = part.instance_class
-        return f"{name}({inside})"
-
-    return build(kind, ""), names
-
-
-def _implementation(arguments: str, body: str, names: dict[str, Any]) -> Any:
-    exec(f"def made({arguments}):\n    return {body}", names)
-    return names["made"]
-
-
-@overload(tree.advance, jit_options=INLINE, strict=False)
-def _advance(x: Any, step: Any, rate: Any) -> Any:
-    body, names = _entrywise(x, lambda i: f"x{i} + step * rate{i}")
-    return _implementation("x, step, rate", body, names)
-
-
-@overload(tree.add, jit_options=INLINE, strict=False)
-def _add(a: Any, b: Any) -> Any:
-    body, names = _entrywise(a, lambda i: f"a{i} + b{i}")
-    return _implementation("a, b", body, names)
-
-
-@overload(tree.combine, jit_options=INLINE, strict=False)
-def _combine(a: Any, s: Any, b: Any, c: Any) -> Any:
-    body, names = _entrywise(a, lambda i: f"a{i} * s + b{i} * c")
-    return _implementation("a, s, b, c", body, names)
-
-
-@overload(tree.times, jit_options=INLINE, strict=False)
-def _times(a: Any, b: Any) -> Any:
-    body, names = _entrywise(a, lambda i: f"a{i} * b{i}")
-    return _implementation("a, b", body, names)
-
-
-@overload(tree.bounded, jit_options=INLINE, strict=False)
-def _bounded(a: Any, limit: Any) -> Any:
-    body, names = _entrywise(a, lambda i: f"min(max(a{i}, -limit), limit)")
-    return _implementation("a, limit", body, names)
-
-
-# What parts choose with: a product with a truth value is slow in vectors. These are one instruction
-# each and give the same, up to the sign of a zero; the first argument may be no number, and is kept.
-
-
-@overload(part.least, jit_options=INLINE, strict=False)
-def _least(a: Any, b: Any) -> Any:
-    return lambda a, b: b if b < a else a
-
-
-@overload(part.most, jit_options=INLINE, strict=False)
-def _most(a: Any, b: Any) -> Any:
-    return lambda a, b: b if b > a else a
-
-
-@overload(part.positive_part, jit_options=INLINE, strict=False)
-def _positive_part(value: Any) -> Any:
-    zero = (np.float32 if value == types.float32 else np.float64)(0.0)
-    return lambda value: zero if zero > value else value
-
-
-@overload(part.clamp, jit_options=INLINE, strict=False)
-def _clamp(value: Any, low: Any, high: Any) -> Any:
-    return lambda value, low, high: part.least(part.most(value, low), high)
-
-
-def negative_sum(costs: Any) -> Any:
-    """Return ``-costs[0] - costs[1] - ...``, in this order."""
-    total = -costs[0]
-    for each in costs[1:]:
-        total = total - each
-    return total
-
-
-@overload(negative_sum, jit_options=INLINE, strict=False)
-def _negative_sum(costs: Any) -> Any:
-    body = "".join(f" - costs[{i}]" for i in range(len(costs))).strip()
-    return _implementation("costs", body.replace("- ", "-", 1) or "0.0", {})
-
-
-def negative(costs: Any) -> Any:
-    """Return ``(-costs[0], -costs[1], ...)``."""
-    return tuple(-each for each in costs)
-
-
-@overload(negative, jit_options=INLINE, strict=False)
-def _negative(costs: Any) -> Any:
-    body, names = _entrywise(costs, lambda i: f"-costs{i}")
-    return _implementation("costs", body, names)
-
-
-def outcome(code: Any, reward: Any, out: Any, late: Any, costs: Any, penalty: Any) -> Any:
-    """Return ``(code, reward, out, late, -costs[0], -costs[1], ..., penalty)``."""
-    return code, reward, out, late, *(-each for each in costs), penalty
-
-
-@overload(outcome, jit_options=INLINE, strict=False)
-def _outcome(code: Any, reward: Any, out: Any, late: Any, costs: Any, penalty: Any) -> Any:
-    terms = "".join(f"-costs[{i}], " for i in range(len(costs)))
-    body = f"(code, reward, out, late, {terms}penalty)"
-    return _implementation("code, reward, out, late, costs, penalty", body, {})
-
-
-def load(z: Any, row: int, stride: int, lane: int, like: Any) -> Any:
-    """Return the numbers of car `lane` from `row` of slab `z` on, as a tuple of the kind of `like`.
-
-    Parameters
-    ----------
-    z : ndarray (rows * stride,)
-        The slab.
-    row, stride, lane : int
-        First row, cars in the slab, and the car.
-    like : tuple
-        A named tuple of numbers or of named tuples; its own numbers do not matter.
-    """
-    rows = np.asarray(z).reshape(-1, stride)[row:, lane]
-    return tree.unflat(like, rows[: len(tree.flat(like))].tolist())
-
-
-@overload(load, jit_options=INLINE, strict=False)
-def _load(z: Any, row: Any, stride: Any, lane: Any, like: Any) -> Any:
-    rows = iter(range(10**6))
-    body, names = _entrywise(like, lambda _: f"z[(row + {next(rows)}) * stride + lane]")
-    return _implementation("z, row, stride, lane, like", body, names)
-
-
-def load_wide(z: Any, row: int, stride: int, lane: int, like: Any) -> Any:
-    """Return the same in double precision, whatever the slab's."""
-    return load(z, row, stride, lane, like)
-
-
-@overload(load_wide, jit_options=INLINE, strict=False)
-def _load_wide(z: Any, row: Any, stride: Any, lane: Any, like: Any) -> Any:
-    rows = iter(range(10**6))
-    entry = lambda _: f"float64(z[(row + {next(rows)}) * stride + lane])"  # noqa: E731
-    body, names = _entrywise(like, entry)
-    return _implementation("z, row, stride, lane, like", body, {**names, "float64": np.float64})
-
-
-def save(z: Any, row: int, stride: int, lane: int, values: Any) -> None:
-    """Write `values`, a tuple of numbers or of tuples, into the rows from `row` on (see `load`)."""
-    flat = tree.flat(values)
-    np.asarray(z).reshape(-1, stride)[row : row + len(flat), lane] = flat
-
-
-@overload(save, jit_options=INLINE, strict=False)
-def _save(z: Any, row: Any, stride: Any, lane: Any, values: Any) -> Any:
-    places: list[str] = []
-    _entrywise(values, lambda i: places.append(i) or "")
-    lines = [f"    z[(row + {k}) * stride + lane] = values{i}" for k, i in enumerate(places)]
-    names: dict[str, Any] = {}
-    exec("def made(z, row, stride, lane, values):\n" + "\n".join(lines or ["    pass"]), names)
-    return names["made"]
+# Hints to the compiler ---------------------------------------------------------------------------
 
 
 def _align_stack(typingctx: Any) -> Any:
@@ -411,57 +252,6 @@ def _disjoint(typingctx: Any) -> Any:
 disjoint: Any = intrinsic(_disjoint)
 
 
-def holds(z: Any, row: int, stride: int, lane: int, values: Any) -> bool:
-    """Return whether `save` of the same would change nothing."""
-    flat = tree.flat(values)
-    rows = np.asarray(z).reshape(-1, stride)[row : row + len(flat), lane]
-    return bool(np.all(rows == np.array(flat).astype(rows.dtype)))
-
-
-@overload(holds, jit_options=INLINE, strict=False)
-def _holds(z: Any, row: Any, stride: Any, lane: Any, values: Any) -> Any:
-    places: list[str] = []
-    _entrywise(values, lambda i: places.append(i) or "")
-    each = (f"(z[(row + {k}) * stride + lane] == real(values{i}))" for k, i in enumerate(places))
-    names = {"real": np.float32 if z.dtype == types.float32 else np.float64}
-    return _implementation("z, row, stride, lane, values", " & ".join(each) or "True", names)
-
-
-def weighted(z: Any, row: int, stride: int, lane: int, values: Any, like: Any) -> Any:
-    """Return a matrix times a vector, as a tuple of the kind of `like`.
-
-    Parameters
-    ----------
-    z, row, stride, lane
-        Where the matrix lies, row by row (see `load`).
-    values : tuple
-        The vector: a tuple of numbers or of tuples.
-    like : tuple
-        Has as many numbers as the matrix has rows.
-    """
-    vector = np.array(tree.flat(values))
-    size = len(tree.flat(like)) * len(vector)
-    matrix = np.asarray(z).reshape(-1, stride)[row : row + size, lane].reshape(-1, len(vector))
-    return tree.unflat(like, (matrix @ vector).tolist())
-
-
-@overload(weighted, jit_options=INLINE, strict=False)
-def _weighted(z: Any, row: Any, stride: Any, lane: Any, values: Any, like: Any) -> Any:
-    places: list[str] = []
-    _entrywise(values, lambda i: places.append(i) or "")
-    rows = iter(range(10**6))
-
-    def entry(_: str) -> str:
-        first = next(rows) * len(places)
-        terms = (
-            f"z[(row + {first + k}) * stride + lane] * values{i}" for k, i in enumerate(places)
-        )
-        return " + ".join(terms)
-
-    body, names = _entrywise(like, entry)
-    return _implementation("z, row, stride, lane, values, like", body, names)
-
-
 def aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
     """Return zeros that begin on a boundary of 64 bytes: a vector then lies in one cache line."""
     kind = np.dtype(dtype)
@@ -483,11 +273,3 @@ def compiles(function: Any, *examples: Any) -> str:
     except NumbaError as error:
         return str(error)
     return ""
-
-
-# What compiled code has in another form, above.
-_REGISTERED: set[Any] = {
-    *(part.least, part.most, part.positive_part, part.clamp),
-    *(tree.advance, tree.add, tree.combine, tree.times, tree.bounded),
-    *(load, load_wide, save, holds, weighted, negative, negative_sum, outcome),
-}

@@ -20,10 +20,6 @@ from qcar_env.engine.compile import (
     compiled,
     compiled_apart,
     disjoint,
-    holds,
-    load,
-    load_wide,
-    save,
     source_stamp,
     widen,
 )
@@ -32,6 +28,12 @@ from qcar_env.engine.course import Course, Pieces, course
 from qcar_env.engine.exact import exact as exact_of
 from qcar_env.engine.layout import Layout
 from qcar_env.engine.starts import Clock, Driven, Force
+from qcar_env.engine.tuples import (
+    holds,
+    load,
+    load_wide,
+    save,
+)
 from qcar_env.physics.car import REST
 from qcar_env.physics.motion import (
     Input,
@@ -259,7 +261,7 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
 
         @compiled
         def read_at(b, j, k, table):
-            """Return what the road does to a car, half `k` steps into the interval or at its end."""
+            """Return what the road does to a car, `k` half steps into the interval; at its end if -1."""
             driven, time = load_wide(b.p, 0, LANES, j, DRIVEN), load(b.clock, 0, LANES, j, CLOCK)
             end = time.start + (time.elapsed + 1.0) * b.dt
             t = time.start + time.elapsed * b.dt + 0.5 * k * (b.dt / b.n) if k >= 0 else end

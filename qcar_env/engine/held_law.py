@@ -17,7 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from qcar_env.engine.compile import LANES, compiled, kernel, source_stamp
+from qcar_env.engine.compile import (
+    LANES,
+    compiled,
+    kernel,
+    source_stamp,
+)
 
 HIGHEST = np.finfo(np.float32).max
 

@@ -3,6 +3,8 @@
 An interval has three passes over a block of cars: actions to commands, the drive over the interval
 (`qcar_env.engine.driving`), and what is read at its end. A car whose episode is over starts the
 next one.
+
+One function makes all kernels, as each closes over what a composition is made of: hence its length.
 """
 
 # pyright: basic
@@ -22,12 +24,6 @@ from qcar_env.engine.compile import (
     compiled,
     compiled_apart,
     kernel,
-    load,
-    load_wide,
-    negative,
-    negative_sum,
-    outcome,
-    save,
     source_stamp,
     together,
     widen,
@@ -46,6 +42,14 @@ from qcar_env.engine.starts import (
     Read,
     drawn_motion,
     vary,
+)
+from qcar_env.engine.tuples import (
+    load,
+    load_wide,
+    negative,
+    negative_sum,
+    outcome,
+    save,
 )
 from qcar_env.physics.motion import Phasors, angle
 from qcar_env.physics.plant import PlantState
@@ -321,7 +325,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
 
     @compiled
     def begin_car(fleet, drawn, i, given, draw, seen):
-        """Begin an episode of car `i`; the numbers that it is drawn from are drawn first, or kept."""
+        """Begin an episode of car `i`, from numbers that are drawn now or were kept."""
         block, j, k = i // LANES, i % LANES, drawn.chosen[i]
         count, first, last = drawn.counts[k]
         uniforms = drawn.uniforms[i, :count]

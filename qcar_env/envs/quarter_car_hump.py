@@ -12,7 +12,7 @@ from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from qcar_env.engine.car import NOT_FINITE, OVER, Car
-from qcar_env.engine.cars import SHOWN
+from qcar_env.engine.storage import SHOWN
 from qcar_env.envs import episode as task
 from qcar_env.envs.picture import Picture, forces
 from qcar_env.physics.state import State

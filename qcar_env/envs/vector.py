@@ -15,6 +15,7 @@ from qcar_env.engine import cars as batch
 from qcar_env.engine.linear_cars import LinearCars, check_linear
 from qcar_env.engine.random import streams
 from qcar_env.engine.starts import OBSERVATION_LIMIT
+from qcar_env.engine.storage import BOOL, SHOWN
 from qcar_env.envs import episode as task
 from qcar_env.envs.picture import Picture, forces
 from qcar_env.physics.state import State
@@ -134,7 +135,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self._names = [(i, name, f"_{name}") for i, name in enumerate(self.terms, 1)]
         self._started = False
         self._later = False  # whether cars may draw from something else than what they run on
-        self._every = np.ones(self.num_envs, batch.BOOL)  # the mask of what all cars have
+        self._every = np.ones(self.num_envs, BOOL)  # the mask of what all cars have
         self._every.flags.writeable = False
         self.render_mode = render_mode
         shown = range(self.num_envs) if render_cars is None else render_cars
@@ -285,7 +286,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         """Return actions as an array of the kind that the engine takes."""
         if (
             type(actions) is np.ndarray
-            and actions.dtype == batch.SHOWN
+            and actions.dtype == SHOWN
             and actions.shape == self._shape
             and actions.flags.c_contiguous
         ):
@@ -357,7 +358,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     def _add_begun(self, info: dict[str, Any], begun: batch.Begun) -> None:
         """Add what is to be known of the cars that have begun their next episode."""
         cars = begun.cars
-        again = np.zeros(self.num_envs, batch.BOOL)
+        again = np.zeros(self.num_envs, BOOL)
         again[cars] = True
         if self._later:
             for i in cars.tolist():
@@ -385,9 +386,9 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
 
     def _mask(self, given: Any) -> NDArray[np.bool_]:
         if given is None:
-            return np.ones(self.num_envs, batch.BOOL)
+            return np.ones(self.num_envs, BOOL)
         mask = np.asarray(given)
-        if mask.shape != (self.num_envs,) or mask.dtype != batch.BOOL or not mask.any():
+        if mask.shape != (self.num_envs,) or mask.dtype != BOOL or not mask.any():
             raise ValueError(
                 f"reset_mask must be an array ({self.num_envs},) of bool with a true entry, got "
                 f"shape {mask.shape} of {mask.dtype}; mark the cars that begin again"
