@@ -261,7 +261,7 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
 
         @compiled
         def read_at(b, j, k, table):
-            """Return what the road does to a car, `k` half steps into the interval; at its end if -1."""
+            """Return what the road does to a car after `k` half steps, or at the end if -1."""
             driven, time = load_wide(b.p, 0, LANES, j, DRIVEN), load(b.clock, 0, LANES, j, CLOCK)
             end = time.start + (time.elapsed + 1.0) * b.dt
             t = time.start + time.elapsed * b.dt + 0.5 * k * (b.dt / b.n) if k >= 0 else end

@@ -1,4 +1,4 @@
-"""What a fleet is kept in: the arrays that compiled code steps, and what its cars are drawn from."""
+"""What a fleet is kept in: the arrays that compiled code steps, and where its draws come from."""
 
 from __future__ import annotations
 

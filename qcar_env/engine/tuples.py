@@ -78,8 +78,8 @@ def _bounded(a: Any, limit: Any) -> Any:
     return _implementation("a, limit", body, names)
 
 
-# What parts choose with: a product with a truth value is slow in vectors. These take one instruction
-# each and give the same, up to the sign of a zero. A first argument that is no number is kept.
+# What parts choose with: a product with a truth value is slow in vectors. These are one instruction
+# each, and the same, up to the sign of a zero. A first argument that is no number is kept.
 
 
 @has_form(part.least)
