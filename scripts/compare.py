@@ -24,50 +24,81 @@ from qcar_env.plots import time_history
 from qcar_env.plots.style import journal, save
 from qcar_env.scenarios import SCENARIOS, Scenario, scenario as find_scenario
 from qcar_env.validation import finite, known, positive
+from scripts import command
 
 STEADY = 60.0  # [s] from rest; the paper's slow mode has a time constant of 4.8 s
 
 
+OPTIONS: command.Options = {
+    "scenario": ("paper", f"what is crossed: {', '.join(SCENARIOS)} (default: paper)"),
+    "laws": (
+        catalogue.names(),
+        f"laws to compare (default: {' '.join(catalogue.names())})",
+        {"metavar": "LAW"},
+    ),
+    "gains": (
+        (),
+        "gains that replace the published ones, in the unit of the law, such as "
+        "cnvc:G1=0.5,G2=0.5 [s/m^2]",
+        {"metavar": "LAW:GAIN=VALUE,..."},
+    ),
+    "force-limit": (
+        float,
+        "actuator limits instead of the scenario's: wheel and body [m/s^2], or one force [N]",
+        {"nargs": "+", "metavar": "LIMIT"},
+    ),
+    "duration": (
+        float,
+        f"simulated time from rest [s] (default: {STEADY:g} on an endless road)",
+    ),
+    "out": (
+        Path("results/compare"),
+        "folder for table.csv, result.json and the figure (default: results/compare)",
+    ),
+    "report": (False, "write report.html as well, an interactive page that opens offline"),
+}
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the comparison and write its results; return the exit status."""
-    arguments = _parse(argv)
-    out, laws = arguments.out, arguments.laws
-    try:
-        if arguments.report:
-            report.check_installed()
-        base = find_scenario(arguments.scenario)
-        if arguments.force_limit is not None:
-            actuator = dataclasses.replace(base.actuator, limit=tuple(arguments.force_limit))
-            base = dataclasses.replace(base, actuator=actuator)
-        length = STEADY if base.excitation.harmonic else base.duration
-        if arguments.duration is not None:
-            length = positive("duration", arguments.duration, "s")
-        storage.check_folder(out)
-        gains = _gains(arguments.gains)
-        entries = [catalogue.entry(name, **gains.get(name, {})) for name in dict.fromkeys(laws)]
-        for name in gains:
-            known("law with gains", name, laws)
-        if arguments.force_limit is None:
-            entries += _agents(base)
-        found = comparison.compare(base, entries, duration=length, say=_say)
-        print(comparison.text(found))
-        used = {each: {**catalogue.describe(each)["gains"], **gains.get(each, {})} for each in laws}
-        comparison.write(out, found, used)
-        print(f"written to {out}: table.csv, result.json")
-        with journal():
-            figure = time_history.comparison(found)
-            if figure is not None:
-                save(figure, out / "time_histories")
-                print(f"written to {out}: time_histories.png, time_histories.pdf")
-        if arguments.report:
-            from qcar_env.report.comparison import page
+    arguments = command.parser(__doc__, OPTIONS).parse_args(argv)
+    # a RuntimeError: what MPC needs is absent
+    return command.run("compare", _run, arguments, OSError, RuntimeError)
 
-            _say("writing the report")
-            print(f"report: {page(out / 'report.html', found)}")
-    except (ValueError, OSError, RuntimeError) as error:  # the last: what MPC needs is absent
-        print(f"compare: {error}", file=sys.stderr)
-        return 2
-    return 0
+
+def _run(arguments: argparse.Namespace) -> None:
+    out, laws = arguments.out, arguments.laws
+    if arguments.report:
+        report.check_installed()
+    base = find_scenario(arguments.scenario)
+    if arguments.force_limit is not None:
+        actuator = dataclasses.replace(base.actuator, limit=tuple(arguments.force_limit))
+        base = dataclasses.replace(base, actuator=actuator)
+    length = STEADY if base.excitation.harmonic else base.duration
+    if arguments.duration is not None:
+        length = positive("duration", arguments.duration, "s")
+    storage.check_folder(out)
+    gains = _gains(arguments.gains)
+    entries = [catalogue.entry(name, **gains.get(name, {})) for name in dict.fromkeys(laws)]
+    for name in gains:
+        known("law with gains", name, laws)
+    if arguments.force_limit is None:
+        entries += _agents(base)
+    found = comparison.compare(base, entries, duration=length, say=command.say)
+    print(comparison.text(found))
+    used = {each: {**catalogue.describe(each)["gains"], **gains.get(each, {})} for each in laws}
+    comparison.write(out, found, used)
+    print(f"written to {out}: table.csv, result.json")
+    with journal():
+        figure = time_history.comparison(found)
+        if figure is not None:
+            save(figure, out / "time_histories")
+            print(f"written to {out}: time_histories.png, time_histories.pdf")
+    if arguments.report:
+        from qcar_env.report.comparison import page
+
+        command.say("writing the report")
+        print(f"report: {page(out / 'report.html', found)}")
 
 
 def _agents(scenario: Scenario) -> list[Entry]:
@@ -95,61 +126,6 @@ def _number(text: str) -> float:
         return float(text)
     except ValueError:
         raise ValueError(f"a gain must be a number, got {text!r}") from None
-
-
-def _say(text: str) -> None:
-    """Say on the error stream what is being done, so that the tables can be piped."""
-    print(f"... {text}", file=sys.stderr, flush=True)
-
-
-def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--scenario",
-        default="paper",
-        help=f"what is crossed: {', '.join(SCENARIOS)} (default: paper)",
-    )
-    parser.add_argument(
-        "--laws",
-        nargs="+",
-        default=list(catalogue.names()),
-        metavar="LAW",
-        help=f"laws to compare (default: {' '.join(catalogue.names())})",
-    )
-    parser.add_argument(
-        "--gains",
-        nargs="+",
-        default=[],
-        metavar="LAW:GAIN=VALUE,...",
-        help="gains that replace the published ones, in the unit of the law, such as "
-        "cnvc:G1=0.5,G2=0.5 [s/m^2]",
-    )
-    parser.add_argument(
-        "--force-limit",
-        nargs="+",
-        type=float,
-        metavar="LIMIT",
-        help="actuator limits instead of the scenario's: wheel and body [m/s^2], or one force [N]",
-    )
-    parser.add_argument(
-        "--duration",
-        type=float,
-        help=f"simulated time from rest [s] (default: {STEADY:g} on an endless road)",
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("results/compare"),
-        help="folder for table.csv, result.json and the figure (default: results/compare)",
-    )
-    parser.add_argument(
-        "--report",
-        action="store_true",
-        help="write report.html as well, an interactive page that opens offline",
-    )
-    return parser.parse_args(argv)
 
 
 if __name__ == "__main__":

@@ -159,14 +159,7 @@ def _record(found: Outcome) -> dict[str, Any]:
 def _table1(cells: Sequence[Cell]) -> str:
     rows = [["law", "G", "mass", "no control [m]", "controlled [m]", "difference [m]"]]
     rows[0] += ["error [%]", "paper [%]", "ratio / paper's"]
-    for cell in cells:
-        rows.append(
-            [
-                cell.law, f"{cell.gain:g}", f"x{cell.mass}", f"{cell.uncontrolled:.3f}",
-                f"{cell.controlled:.4f}", f"{cell.absolute_error:.3f}",
-                f"{cell.percentage_error:.0f}", f"{cell.printed:g}", f"{cell.agreement:.2f}",
-            ]
-        )  # fmt: skip
+    rows += [list(tables.table1_row(cell)) for cell in cells]
     return (
         "Table 1 of the paper: the law acts at every instant, forces are not limited\n\n"
         f"{tables.columns(rows, left=3)}\n\n"

@@ -15,6 +15,8 @@ from qcar_env.plots.style import DOUBLE_COLUMN, Line, line
 
 Array = NDArray[np.float64]
 
+SIZE = (DOUBLE_COLUMN, 3.0)  # [in]
+TALL = (DOUBLE_COLUMN, 4.0)  # [in]
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 ASIDE = 0.011  # [-] of the force limit between the marks of two policies
 DECADE = 10.0  # ratio of values from which an axis is logarithmic
@@ -280,16 +282,3 @@ def robustness(ax: Axes, policies: Mapping[str, ArrayLike], bound: ArrayLike) ->
     ax.set_ylim(0.0, 1.02)
     ax.set_xlabel(r"vibration left, $\rho$ [-]")
     return ax
-
-
-def shared_legend(figure: Figure, axes: Sequence[Axes], *, columns: int = 4) -> None:
-    """Put one legend for all panels below the figure."""
-    entries: dict[str, Any] = {}
-    for ax in axes:
-        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            entries.setdefault(label, handle)
-    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)
-
-
-SIZE = (DOUBLE_COLUMN, 3.0)  # [in]
-TALL = (DOUBLE_COLUMN, 4.0)  # [in]

@@ -14,6 +14,7 @@ from qcar_env.evaluation.standings import Standing
 from qcar_env.evaluation.statistics import Interval
 from qcar_env.evaluation.tracks import Track
 from qcar_env.plots import benchmark as plots
+from qcar_env.plots.style import shared_legend
 
 FRONTIER = 37  # force limits at which the frontier is drawn: every 0.025
 SHRINKING = ("budget", "feedback")  # tracks whose force limit shrinks
@@ -60,7 +61,7 @@ def _frontier(outcome: Outcome, track: Track) -> Figure:
     )
     lower = [min(b.lower for b in outcome.bounds[(track.name, s)]) for s in limits]
     plots.over_optimum(axes[1], limits, shown, lower)
-    plots.shared_legend(figure, axes)
+    shared_legend(figure, axes)
     return figure
 
 
@@ -80,7 +81,7 @@ def _robustness(outcome: Outcome, track: Track) -> Figure:
         plots.robustness(ax, shown, lower)
         ax.set_title(f"force limit x {scale:g}")
     axes[0].set_ylabel("share of held-out crossings [-]")
-    plots.shared_legend(figure, axes)
+    shared_legend(figure, axes)
     return figure
 
 
@@ -99,7 +100,7 @@ def _histories(outcome: Outcome, track: Track, scale: float) -> Figure:
     figure = plt.figure(figsize=plots.TALL)
     limits = nominal.actuator.limit
     axes = plots.histories(figure, records, nominal.reference_amplitudes, (limits[0], limits[1]))
-    plots.shared_legend(figure, list(axes.ravel()))
+    shared_legend(figure, list(axes.ravel()))
     return figure
 
 
@@ -120,7 +121,7 @@ def _force_velocity(outcome: Outcome, track: Track, scale: float) -> Figure:
         ax.set_title(word)
         ax.set_xlabel(rf"$v_{mass + 1}$ [m/s]")
         ax.set_ylabel(rf"$u_{mass + 1}$ [m/s$^2$]")
-    plots.shared_legend(figure, axes)
+    shared_legend(figure, axes)
     return figure
 
 

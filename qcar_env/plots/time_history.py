@@ -8,11 +8,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from qcar_env.evaluation.comparison import Comparison
-from qcar_env.plots.style import DOUBLE_COLUMN, line
+from qcar_env.plots.style import DOUBLE_COLUMN, line, log_ticks
 
 Array = NDArray[np.float64]
 
@@ -57,9 +56,7 @@ def envelope(ax: Axes, t: Array, x: Array, period: float, law: str) -> Axes:
     style = line(law)
     ax.semilogy(middles, peaks, color=style.color, linestyle=style.linestyle, label=style.label)
     low, high = ax.get_ylim()
-    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,)))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.yaxis.set_minor_formatter(NullFormatter())
+    log_ticks(ax, (1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,))
     return ax
 
 

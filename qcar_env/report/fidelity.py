@@ -12,7 +12,7 @@ from qcar_env.analysis.paper.experiments import trends, with_law
 from qcar_env.analysis.paper.forced_car import from_scenario
 from qcar_env.analysis.paper.table1 import PRINTED, table1
 from qcar_env.control import CNVC
-from qcar_env.evaluation.tables import markdown
+from qcar_env.evaluation.tables import markdown, table1_row
 from qcar_env.scenarios import Scenario
 
 LIMITS = (1, 5, 10, 20)  # [rad/s] of |sigma| in the table of errors
@@ -77,12 +77,9 @@ def _table1(preset: Scenario) -> str:
     cells = table1(preset)
     printed = [error for row in PRINTED for error in row.absolute_error]  # in the cells' order
     rows = [
-        (
-            cell.law, f"{cell.gain:g}", f"x{cell.mass}", f"{error:.3f}",
-            f"{cell.absolute_error:.3f}", f"{cell.printed:g} %", f"{cell.percentage_error:.0f} %",
-            f"{100 * (cell.agreement - 1):+.0f} %",
-        )
-        for cell, error in zip(cells, printed, strict=True)
+        (*row[:3], f"{error:.3f}", row[5], f"{row[7]} %", f"{row[6]} %",
+         f"{100 * (cell.agreement - 1):+.0f} %")
+        for cell, error, row in zip(cells, printed, map(table1_row, cells), strict=True)
     ]  # fmt: skip
     worst = max(abs(cell.agreement - 1.0) for cell in cells)
     return _section(
