@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 # Worker processes share the cores; more threads in each would only wait for one another.
@@ -52,13 +51,8 @@ OPTIONS: command.Options = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the benchmark and write its results; return the exit status."""
-    arguments = command.parser(__doc__, OPTIONS).parse_args(argv)
-    return command.run("benchmark", _run, arguments)
-
-
-def _run(arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
+    """Run the benchmark and write its results."""
     out: Path = arguments.out
     whole("jobs", arguments.jobs)
     if arguments.report:
@@ -106,6 +100,8 @@ def _progress(name: str, done: int, total: int, spent: float) -> None:
     rest = command.left(spent, done, total)
     command.say(f"[{done}/{total}] {name}: {spent:.0f} s, about {rest:.0f} s left")
 
+
+main = command.main("benchmark", __doc__, OPTIONS, run)
 
 if __name__ == "__main__":
     matplotlib.use("Agg")

@@ -39,13 +39,8 @@ OPTIONS: command.Options = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Fit, print and write; return the exit status."""
-    arguments = command.parser(__doc__.splitlines()[0], OPTIONS).parse_args(argv)
-    return command.run("calibrate", _run, arguments)
-
-
-def _run(arguments: argparse.Namespace) -> None:
+def run(arguments: argparse.Namespace) -> None:
+    """Fit, print and write."""
     storage.check_folder(arguments.out)
     for omega in arguments.omegas:
         positive("omega", omega, "rad/s")
@@ -101,6 +96,8 @@ def calibrate(start: calibration.Candidate, omegas: Sequence[float], out: Path) 
     )
     print(f"written to {out / 'calibration.json'}")
 
+
+main = command.main("calibrate", __doc__.splitlines()[0], OPTIONS, run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,18 +32,36 @@ def parser(description: str, options: Options) -> argparse.ArgumentParser:
     return made
 
 
-def run(
+def main(
     name: str,
+    description: str,
+    options: Options,
     work: Callable[[argparse.Namespace], int | None],
-    arguments: argparse.Namespace,
     *errors: type[Exception],
-) -> int:
-    """Do a command's work and return its status: 2 and one line for what is refused."""
-    try:
-        return work(arguments) or 0
-    except (ValueError, *errors) as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return 2
+) -> Callable[[Sequence[str] | None], int]:
+    """Return a command: it does its work, and returns 2 after a line on what is refused.
+
+    Parameters
+    ----------
+    name : str
+        Before the refusal.
+    description, options
+        See `parser`.
+    work : callable
+        Takes the arguments, and returns the exit status, or None for 0.
+    *errors : type
+        Raised by what is refused, besides ValueError.
+    """
+
+    def run(argv: Sequence[str] | None = None) -> int:
+        arguments = parser(description, options).parse_args(argv)
+        try:
+            return work(arguments) or 0
+        except (ValueError, *errors) as error:
+            print(f"{name}: {error}", file=sys.stderr)
+            return 2
+
+    return run
 
 
 def say(text: str) -> None:

@@ -59,14 +59,8 @@ OPTIONS: command.Options = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the comparison and write its results; return the exit status."""
-    arguments = command.parser(__doc__, OPTIONS).parse_args(argv)
-    # a RuntimeError: what MPC needs is absent
-    return command.run("compare", _run, arguments, OSError, RuntimeError)
-
-
-def _run(arguments: argparse.Namespace) -> None:
+def run(arguments: argparse.Namespace) -> None:
+    """Run the comparison and write its results."""
     out, laws = arguments.out, arguments.laws
     if arguments.report:
         report.check_installed()
@@ -116,17 +110,17 @@ def _gains(given: Sequence[str]) -> dict[str, dict[str, float]]:
         pairs = [pair.partition("=") for pair in rest.split(",")]
         if not colon or not all(equals for _, equals, _ in pairs):
             raise ValueError(f"gains must look like cnvc:G1=0.5,G2=0.5, got {each!r}")
-        values = {name: finite(f"gain {name}", _number(value)) for name, _, value in pairs}
-        found[law] = found.get(law, {}) | values
+        for name, _, value in pairs:
+            try:
+                number = float(value)
+            except ValueError:
+                raise ValueError(f"a gain must be a number, got {value!r}") from None
+            found.setdefault(law, {})[name] = finite(f"gain {name}", number)
     return found
 
 
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ValueError(f"a gain must be a number, got {text!r}") from None
-
+# a RuntimeError: what MPC needs is absent
+main = command.main("compare", __doc__, OPTIONS, run, OSError, RuntimeError)
 
 if __name__ == "__main__":
     matplotlib.use("Agg")

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -22,18 +21,15 @@ OPTIONS: command.Options = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Compute and write the page; return the exit status."""
-    arguments = command.parser(__doc__.splitlines()[0], OPTIONS).parse_args(argv)
-    return command.run("fidelity", _run, arguments)
-
-
-def _run(arguments: argparse.Namespace) -> None:
+def run(arguments: argparse.Namespace) -> None:
+    """Compute and write the page."""
     storage.check_file(arguments.out)
     text = page(scenario(arguments.preset), partial(print, flush=True))
     storage.write_text(arguments.out, text)
     print(f"written to {arguments.out}")
 
+
+main = command.main("fidelity", __doc__.splitlines()[0], OPTIONS, run)
 
 if __name__ == "__main__":
     sys.exit(main())

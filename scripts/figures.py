@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 import matplotlib
@@ -45,13 +45,8 @@ OPTIONS: command.Options = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Make the figures that are asked for and return the exit status."""
-    arguments = command.parser(__doc__.splitlines()[0], OPTIONS).parse_args(argv)
-    return command.run("figures", _run, arguments)
-
-
-def _run(arguments: argparse.Namespace) -> None:
+def run(arguments: argparse.Namespace) -> None:
+    """Make the figures that are asked for."""
     out = arguments.out
     storage.check_folder(out)
     names = arguments.only or NAMES
@@ -110,6 +105,8 @@ def _title(name: str) -> str:
         return "Table 1"
     return f"Figure {name}" if name.isdigit() else f"Figure: {name}"
 
+
+main = command.main("figures", __doc__.splitlines()[0], OPTIONS, run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -35,12 +34,8 @@ OPTIONS: command.Options = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status."""
-    return command.run("error", _run, command.parser(__doc__, OPTIONS).parse_args(argv))
-
-
-def _run(args: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
+    """Collect and write the report."""
     check_folder(args.out)
     seeds = [whole("seed", each, least=0) for each in dict.fromkeys(args.seeds)]
     rows, curves = collect(args.recipes, seeds, args.runs, tuned=best, train_missing=args.train)
@@ -53,6 +48,8 @@ def _run(args: argparse.Namespace) -> None:
             figure.savefig(path, dpi=150)
     print(f"wrote {args.out}/report.md")
 
+
+main = command.main("error", __doc__, OPTIONS, run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -33,13 +33,8 @@ OPTIONS: command.Options = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measure, print and store; return the exit status."""
-    arguments = command.parser(__doc__.splitlines()[0], OPTIONS).parse_args(argv)
-    return command.run("throughput", _run, arguments)
-
-
-def _run(arguments: argparse.Namespace) -> None:
+def run(arguments: argparse.Namespace) -> None:
+    """Measure, print and store."""
     whole("rounds", arguments.rounds, least=3)
     for n in arguments.num_envs:
         whole("num-envs", n)
@@ -76,6 +71,8 @@ def _plot(result: Mapping[str, Any], path: Path) -> None:
     figure.savefig(path, dpi=200)
     plt.close(figure)
 
+
+main = command.main("throughput", __doc__.splitlines()[0], OPTIONS, run)
 
 if __name__ == "__main__":
     raise SystemExit(main())

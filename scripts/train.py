@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -45,12 +44,8 @@ OPTIONS: command.Options = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status."""
-    return command.run("error", _run, command.parser(__doc__, OPTIONS).parse_args(argv))
-
-
-def _run(args: argparse.Namespace) -> None:
+def run(args: argparse.Namespace) -> None:
+    """Train what is asked for."""
     if args.target_db is not None:
         positive("target-db", args.target_db, "dB")
     if args.resume is not None:
@@ -131,6 +126,8 @@ def describe(progress: Progress, beside: References) -> str:
         f"rho {progress.rho:.4f} (optimum {beside.optimum:.4f})"
     )
 
+
+main = command.main("error", __doc__, OPTIONS, run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -10,7 +10,6 @@ import argparse
 import dataclasses
 import sys
 import time
-from collections.abc import Sequence
 
 from baselines import catalogue, tune
 from qcar_env.evaluation import storage
@@ -40,12 +39,8 @@ OPTIONS: command.Options = {
 }
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Tune and store; return the exit status."""
-    return command.run("tune", _run, command.parser(__doc__, OPTIONS).parse_args(argv))
-
-
-def _run(arguments: argparse.Namespace) -> None:
+def run(arguments: argparse.Namespace) -> None:
+    """Tune and store."""
     seed, population, out = arguments.seed, arguments.population, arguments.out
     whole("seed", seed, least=0)
     whole("population", population, least=tune.LEAST_POPULATION)
@@ -89,6 +84,8 @@ def _run(arguments: argparse.Namespace) -> None:
         )
     print(f"written to {out}")
 
+
+main = command.main("tune", __doc__, OPTIONS, run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import agents
@@ -25,13 +24,48 @@ from qcar_env.validation import known
 from scripts import command
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Show or write the film; return the exit status."""
-    # a RuntimeError: what a policy needs is absent
-    return command.run("watch", _run, _parse(argv), RuntimeError)
+def policies() -> dict[str, Entry]:
+    """Return the baselines and the shipped agents by name; tuned ones are called lnvc-tuned."""
+    found = (*baselines.entries(), *agents.entries())
+    return {each.name.replace(" (tuned)", "-tuned"): each for each in found}
 
 
-def _run(arguments: argparse.Namespace) -> None:
+OPTIONS: command.Options = {
+    "policy": (
+        "cnvc",
+        f"who drives: {', '.join(policies())}, or a run folder of scripts/train.py (default: cnvc)",
+    ),
+    "vs": (("none",), "beside whom (default: none)", {"nargs": "*", "metavar": "POLICY"}),
+    "scenario": ("paper", f"{', '.join(SCENARIOS)} (default: paper)"),
+    "force-scale": (1.0, "force limit over the scenario's [-]"),
+    "duration": (float, "simulated time [s] (default: the scenario's)"),
+    "start": (
+        str,
+        "begin in the steady motion without control, or at rest (default: steady on an "
+        "endless road)",
+        {"choices": ("steady", "rest")},
+    ),
+    "wait": (
+        float,
+        "time before the policies act [s] (default: 0.5 on an endless road, else 0)",
+    ),
+    "slow": (4.0, "slow motion: film over real time [-] (default: 4)"),
+    "fps": (25.0, "frames a second (default: 25)"),
+    "size": (
+        (640, 480),
+        "of each car's frame [px] (default: 640 480)",
+        {"nargs": 2, "metavar": ("WIDTH", "HEIGHT")},
+    ),
+    "out": (
+        Path,
+        "file ending in .mp4 or .gif (default: the screen; without a display a file in "
+        "results/watch)",
+    ),
+}
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Show or write the film."""
     film = film_of(arguments)
     out = arguments.out
     if out is None and not _has_display():
@@ -45,12 +79,6 @@ def _run(arguments: argparse.Namespace) -> None:
         f"written to {out}: {film.length / film.rate:.1f} s, "
         f"{film.slow:g} times slower than real time, {out.stat().st_size / 1e6:.1f} MB"
     )
-
-
-def policies() -> dict[str, Entry]:
-    """Return the baselines and the shipped agents by name; tuned ones are called lnvc-tuned."""
-    found = (*baselines.entries(), *agents.entries())
-    return {each.name.replace(" (tuned)", "-tuned"): each for each in found}
 
 
 def film_of(arguments: argparse.Namespace) -> Film:
@@ -76,43 +104,6 @@ def film_of(arguments: argparse.Namespace) -> Film:
     )
 
 
-def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    options: command.Options = {
-        "policy": (
-            "cnvc",
-            f"who drives: {', '.join(policies())}, or a run folder of scripts/train.py "
-            "(default: cnvc)",
-        ),
-        "vs": (("none",), "beside whom (default: none)", {"nargs": "*", "metavar": "POLICY"}),
-        "scenario": ("paper", f"{', '.join(SCENARIOS)} (default: paper)"),
-        "force-scale": (1.0, "force limit over the scenario's [-]"),
-        "duration": (float, "simulated time [s] (default: the scenario's)"),
-        "start": (
-            str,
-            "begin in the steady motion without control, or at rest (default: steady on an "
-            "endless road)",
-            {"choices": ("steady", "rest")},
-        ),
-        "wait": (
-            float,
-            "time before the policies act [s] (default: 0.5 on an endless road, else 0)",
-        ),
-        "slow": (4.0, "slow motion: film over real time [-] (default: 4)"),
-        "fps": (25.0, "frames a second (default: 25)"),
-        "size": (
-            (640, 480),
-            "of each car's frame [px] (default: 640 480)",
-            {"nargs": 2, "metavar": ("WIDTH", "HEIGHT")},
-        ),
-        "out": (
-            Path,
-            "file ending in .mp4 or .gif (default: the screen; without a display a file in "
-            "results/watch)",
-        ),
-    }
-    return command.parser(__doc__, options).parse_args(argv)
-
-
 def _has_display() -> bool:
     if sys.platform in ("win32", "darwin"):
         return True
@@ -124,6 +115,9 @@ def _progress(number: int, length: int) -> None:
         end = "\n" if number == length else ""
         print(f"\r... frame {number} of {length}", end=end, file=sys.stderr, flush=True)
 
+
+# a RuntimeError: what a policy needs is absent
+main = command.main("watch", __doc__, OPTIONS, run, RuntimeError)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -39,11 +39,10 @@ from qcar_env.plots.response import (
     response_curve,
     stability_regions,
 )
-from qcar_env.plots.style import DOUBLE_COLUMN, line, log_ticks, shared_legend
+from qcar_env.plots.style import DOUBLE_COLUMN, MASSES, line, log_ticks, shared_legend
 
 Array = NDArray[np.float64]
 
-MASSES = (("x_1", "wheel"), ("x_2", "body"))
 AMPLITUDES = ("a1", "a2")
 # One law at three settings: shades of its colour, told apart in grey as well.
 SHADES = {"cnvc": ("#7FC4EE", "#0072B2", "#00304F"), "ppf": ("#E5B7D2", "#CC79A7", "#6B2E50")}
@@ -94,8 +93,8 @@ def responses(
             response_curve(ax, curve, amplitude, color=color, label=name)
             if exact:
                 other, name = exact[against][law], f"{label}, harmonic balance"
-                style = {"color": color, "linestyle": (0, (1, 1.5)), "label": name}
-                ax.plot(other.values, getattr(other, amplitude), **style)
+                x, y, dots = other.values, getattr(other, amplitude), (0, (1, 1.5))
+                ax.plot(x, y, color=color, linestyle=dots, label=name)
             if simulated:
                 name = f"{label}, simulated"
                 points(ax, simulated[against][law], amplitude, color=color, label=name)
@@ -287,11 +286,11 @@ def accuracy(panels: Mapping[str, Mapping[str, Errors]]) -> Figure:
 def hardening(found: FoldedResponse, law: str = "none") -> Figure:
     """Draw a folded response, in a law's colour, with points simulated upward and downward."""
     figure, axes = _grid(1, 2, 2.9)
-    averaged = {"color": "#999999", "linewidth": 2.2, "label": "averaged"}
-    exact = {"color": line(law).color, "label": "harmonic balance"}
+    averaged: dict[str, Any] = {"color": "#999999", "linewidth": 2.2, "label": "averaged"}
     for ax, amplitude in zip(axes[0], AMPLITUDES, strict=True):
         response_curve(ax, found.averaged, amplitude, **averaged)
-        response_curve(ax, found.balanced, amplitude, **exact)
+        exact = line(law).color
+        response_curve(ax, found.balanced, amplitude, color=exact, label="harmonic balance")
         for some, marker, way in ((found.upward, "^", "rising"), (found.downward, "v", "falling")):
             points(ax, some, amplitude, color="#000000", marker=marker, label=f"simulated, {way}")
         ax.set(xlabel=axis_label(found.averaged.parameter), ylabel=axis_label(amplitude))
@@ -347,8 +346,8 @@ def chaos(
 def _grid(
     rows: int, columns: int, height: float, ratios: list[float] | None = None
 ) -> tuple[Figure, Any]:
-    shape = {"squeeze": False, "gridspec_kw": {"width_ratios": ratios} if ratios else None}
-    return plt.subplots(rows, columns, figsize=(DOUBLE_COLUMN, height), **shape)
+    size, widths = (DOUBLE_COLUMN, height), {"width_ratios": ratios} if ratios else None
+    return plt.subplots(rows, columns, figsize=size, squeeze=False, gridspec_kw=widths)
 
 
 def _amplitudes(

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from qcar_env.evaluation.benchmark import Outcome
 from qcar_env.evaluation.bounds import optimum
-from qcar_env.evaluation.standings import Standing
 from qcar_env.evaluation.statistics import Interval
 from qcar_env.evaluation.tracks import Track
 from qcar_env.plots import benchmark as plots
@@ -29,22 +28,19 @@ def figures(outcome: Outcome) -> Iterator[tuple[str, Figure]]:
     if "budget" in tracks:
         for scale in (1.0, 0.5):
             yield f"histories_budget_{scale:g}", _histories(outcome, tracks["budget"], scale)
-            yield (
-                f"force_velocity_budget_{scale:g}",
-                _force_velocity(outcome, tracks["budget"], scale),
-            )
+            figure = _force_velocity(outcome, tracks["budget"], scale)
+            yield f"force_velocity_budget_{scale:g}", figure
     if "randomised" in tracks:
         yield "robustness_randomised", _robustness(outcome, tracks["randomised"])
 
 
 def _frontier(outcome: Outcome, track: Track) -> Figure:
     limits = sorted(track.force_scales)
-    found = {(s.policy, s.track, s.force_scale): s.rho for s in outcome.standings}
+    found = [{each.policy: each.rho for each in outcome.ranked(track.name, s)} for s in limits]
     shown: dict[str, Sequence[Interval | None]] = {
-        policy: [found.get((policy, track.name, s)) for s in limits]
-        for policy in _shown(outcome, track.name)
+        policy: [each.get(policy) for each in found] for policy in _shown(outcome, track.name)
     }
-    best = [_best_learned(outcome, track.name, s) for s in limits]
+    best = [outcome.best_learned(track.name, s) for s in limits]
     if any(best):
         shown["learned"] = [each.rho if each else None for each in best]
     between = np.linspace(limits[0], limits[-1], FRONTIER)
@@ -69,25 +65,22 @@ def _robustness(outcome: Outcome, track: Track) -> Figure:
     figure = plt.figure(figsize=plots.SIZE)
     axes = figure.subplots(1, len(track.force_scales), sharey=True, squeeze=False)[0]
     for ax, scale in zip(axes, track.force_scales, strict=True):
-        rho: dict[str, list[float]] = {}
-        for row in outcome.rows:
-            if (row.track, row.force_scale) == (track.name, scale):
-                rho.setdefault(row.policy, []).append(row.rho)
+        rho = outcome.by_policy(track.name, scale)
         shown = {name: rho[name] for name in _shown(outcome, track.name) if name in rho}
-        best = _best_learned(outcome, track.name, scale)
+        best = outcome.best_learned(track.name, scale)
         if best:
             shown["learned"] = rho[best.policy]
         lower = [each.lower for each in outcome.bounds[(track.name, scale)]]
         plots.robustness(ax, shown, lower)
         ax.set_title(f"force limit x {scale:g}")
-    axes[0].set_ylabel("share of held-out crossings [-]")
+    axes[0].set_ylabel("share of held-out episodes [-]")
     shared_legend(figure, axes)
     return figure
 
 
 def _histories(outcome: Outcome, track: Track, scale: float) -> Figure:
     nominal = track.at(scale)
-    best = _best_learned(outcome, track.name, scale)
+    best = outcome.best_learned(track.name, scale)
     chosen = {name: name for name in ("cnvc", "lnvc (tuned)", "state (tuned)", "mpc")}
     if best:
         chosen["learned"] = best.policy
@@ -105,7 +98,7 @@ def _histories(outcome: Outcome, track: Track, scale: float) -> Figure:
 
 
 def _force_velocity(outcome: Outcome, track: Track, scale: float) -> Figure:
-    best = _best_learned(outcome, track.name, scale)
+    best = outcome.best_learned(track.name, scale)
     second = {"learned": best.policy} if best else {"state (tuned)": "state (tuned)"}
     limits = track.at(scale).actuator.limit
     figure = plt.figure(figsize=plots.SIZE)
@@ -118,24 +111,14 @@ def _force_velocity(outcome: Outcome, track: Track, scale: float) -> Figure:
             # Seen at a sample; the force of the next row followed.
             velocity, force = found.x[:-1, 2 + mass], found.force[1:, mass]
             plots.force_against_velocity(ax, velocity, force, look, limit=limits[mass])
-        ax.set_title(word)
-        ax.set_xlabel(rf"$v_{mass + 1}$ [m/s]")
-        ax.set_ylabel(rf"$u_{mass + 1}$ [m/s$^2$]")
+        xlabel, ylabel = rf"$v_{mass + 1}$ [m/s]", rf"$u_{mass + 1}$ [m/s$^2$]"
+        ax.set(title=word, xlabel=xlabel, ylabel=ylabel)
     shared_legend(figure, axes)
     return figure
 
 
 def _shown(outcome: Outcome, track: str) -> list[str]:
     """Return the policies that figures show: those with a look of their own, and the user's."""
-    there = {row.policy for row in outcome.rows if row.track == track}
-    mine = {row.policy for row in outcome.rows if row.track == track and row.kind == "yours"}
-    return [name for name in plots.LOOKS if name in there] + sorted(mine)
-
-
-def _best_learned(outcome: Outcome, track: str, scale: float) -> Standing | None:
-    entered = [
-        each
-        for each in outcome.standings
-        if each.kind == "learned" and (each.track, each.force_scale) == (track, scale)
-    ]
-    return min(entered, key=lambda each: (each.rho.value, each.policy), default=None)
+    there = {row.policy: row.kind for row in outcome.rows if row.track == track}
+    mine = sorted(name for name, kind in there.items() if kind == "yours")
+    return [name for name in plots.LOOKS if name in there] + mine

@@ -48,8 +48,8 @@ LINES: Mapping[str, Line] = MappingProxyType(
 # Laws beyond the paper's, in the order in which they are drawn.
 OTHERS = ("#882255", "#44AA99", "#999933", "#AA4499", "#332288", "#117733", "#661100", "#DDCC77")
 
-SINGLE_COLUMN = 3.5  # [in] width of a figure in one column of a journal
-DOUBLE_COLUMN = 7.2  # [in] width over both columns
+MASSES = (("x_1", "wheel"), ("x_2", "body"))  # symbol and name of each displacement
+DOUBLE_COLUMN = 7.2  # [in] width of a figure over both columns of a journal
 
 SETTINGS: dict[Any, Any] = {
     "font.family": "sans-serif",
