@@ -10,7 +10,7 @@ from typing import Any
 
 # Flag: its default, or the type of what has none; its help; what argparse is told besides. A
 # default of False makes a switch, a tuple takes several values.
-Options = Mapping[str, tuple[Any, str] | tuple[Any, str, dict[str, Any]]]
+Options = Mapping[str, tuple[Any, str | None] | tuple[Any, str | None, dict[str, Any]]]
 
 
 def parser(description: str, options: Options) -> argparse.ArgumentParser:
