@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 # Worker processes share the cores; more threads in each would only wait for one another.
@@ -26,35 +25,54 @@ from qcar_env.evaluation import benchmark, leaderboard, storage  # noqa: E402
 from qcar_env.evaluation.entry import entry_of  # noqa: E402
 from qcar_env.evaluation.tracks import TRACKS, track  # noqa: E402
 from qcar_env.validation import whole  # noqa: E402
+from scripts import command  # noqa: E402
+
+OPTIONS: command.Options = {
+    "tracks": (tuple(TRACKS), f"tracks (default: {' '.join(TRACKS)})"),
+    "policy": (
+        str,
+        "a policy of yours: module:object (anything with Stable-Baselines3's predict, or a "
+        "function of the scenario that makes it), the path of an ONNX file, or a run folder; "
+        "may be given more than once",
+        {"action": "append", "default": [], "metavar": "POLICY"},
+    ),
+    "baselines": (
+        str,
+        "only these scripted policies (default: all; none with no name)",
+        {"nargs": "*", "metavar": "NAME"},
+    ),
+    "no-agents": (False, "leave the shipped agents out"),
+    "seed": (int, "draw the episodes with another seed than the tracks' [whole number]"),
+    "jobs": (os.cpu_count() or 1, "worker processes (default: one for each core)"),
+    "out": (Path("results/benchmark"), "folder of the results (default: results/benchmark)"),
+    "force": (False, "replace results that are there"),
+    "report": (False, "write report.html, a page that opens offline"),
+    "no-figures": (False, "leave the figures out"),
+}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the benchmark and write its results; return the exit status."""
-    arguments = _parse(argv)
+def run(arguments: argparse.Namespace) -> int:
+    """Run the benchmark and write its results."""
     out: Path = arguments.out
-    try:
-        whole("jobs", arguments.jobs)
-        if arguments.report:
-            report.check_installed()
-        if arguments.seed is not None:
-            whole("seed", arguments.seed, least=0)
-        storage.check_folder(out)
-        if (out / "result.json").exists() and not arguments.force:
-            raise ValueError(f"{out} already holds results; give --force to replace them, or --out")
-        outcome = benchmark.run(
-            [track(name) for name in dict.fromkeys(arguments.tracks)],
-            (
-                *baselines.entries(arguments.baselines),
-                *(() if arguments.no_agents else agents.entries()),
-                *(entry_of(spec) for spec in arguments.policy),
-            ),
-            seed=arguments.seed,
-            jobs=arguments.jobs,
-            progress=_progress,
-        )
-    except ValueError as error:
-        print(f"benchmark: {error}", file=sys.stderr)
-        return 2
+    whole("jobs", arguments.jobs)
+    if arguments.report:
+        report.check_installed()
+    if arguments.seed is not None:
+        whole("seed", arguments.seed, least=0)
+    storage.check_folder(out)
+    if (out / "result.json").exists() and not arguments.force:
+        raise ValueError(f"{out} already holds results; give --force to replace them, or --out")
+    outcome = benchmark.run(
+        [track(name) for name in dict.fromkeys(arguments.tracks)],
+        (
+            *baselines.entries(arguments.baselines),
+            *(() if arguments.no_agents else agents.entries()),
+            *(entry_of(spec) for spec in arguments.policy),
+        ),
+        seed=arguments.seed,
+        jobs=arguments.jobs,
+        progress=_progress,
+    )
     if not arguments.no_figures and outcome.rows:
         _draw(out / "figures", outcome)
     names = leaderboard.write(out, outcome)
@@ -79,64 +97,11 @@ def _draw(folder: Path, outcome: benchmark.Outcome) -> None:
 
 
 def _progress(name: str, done: int, total: int, spent: float) -> None:
-    print(
-        f"... [{done}/{total}] {name}: {spent:.0f} s, about "
-        f"{spent / done * (total - done):.0f} s left",
-        file=sys.stderr,
-        flush=True,
-    )
+    rest = command.left(spent, done, total)
+    command.say(f"[{done}/{total}] {name}: {spent:.0f} s, about {rest:.0f} s left")
 
 
-def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--tracks",
-        nargs="+",
-        default=list(TRACKS),
-        help=f"tracks (default: {' '.join(TRACKS)})",
-    )
-    parser.add_argument(
-        "--policy",
-        action="append",
-        default=[],
-        metavar="POLICY",
-        help="a policy of yours: module:object (anything with Stable-Baselines3's predict, or a "
-        "function of the scenario that makes it), the path of an ONNX file, or a run folder; "
-        "may be given more than once",
-    )
-    parser.add_argument(
-        "--baselines",
-        nargs="*",
-        metavar="NAME",
-        help="only these scripted policies (default: all; none with no name)",
-    )
-    parser.add_argument("--no-agents", action="store_true", help="leave the shipped agents out")
-    parser.add_argument(
-        "--seed",
-        type=int,
-        help="draw the crossings with another seed than the tracks' [whole number]",
-    )
-    parser.add_argument(
-        "--jobs",
-        type=int,
-        default=os.cpu_count() or 1,
-        help="worker processes (default: one for each core)",
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("results/benchmark"),
-        help="folder of the results (default: results/benchmark)",
-    )
-    parser.add_argument("--force", action="store_true", help="replace results that are there")
-    parser.add_argument(
-        "--report", action="store_true", help="write report.html, a page that opens offline"
-    )
-    parser.add_argument("--no-figures", action="store_true", help="leave the figures out")
-    return parser.parse_args(argv)
-
+main = command.main("benchmark", __doc__, OPTIONS, run)
 
 if __name__ == "__main__":
     matplotlib.use("Agg")

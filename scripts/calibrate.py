@@ -23,23 +23,29 @@ from qcar_env.control import CNVC
 from qcar_env.evaluation import storage
 from qcar_env.scenarios import scenario
 from qcar_env.validation import positive
+from scripts import command
 
 OMEGAS = (26.0, 33.0, 40.0, 47.0, 55.0, 60.0, 66.0)  # [rad/s]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Fit, print and write; return the exit status."""
-    arguments = _parse(argv)
-    try:
-        storage.check_folder(arguments.out)
-        for omega in arguments.omegas:
-            positive("omega", omega, "rad/s")
-        start = calibration.candidate_of(from_scenario(scenario(arguments.preset)))
-        calibrate(start, arguments.omegas, arguments.out)
-    except ValueError as error:
-        print(f"calibrate: {error}", file=sys.stderr)
-        return 2
-    return 0
+OPTIONS: command.Options = {
+    "preset": ("paper", "scenario to start from"),
+    "omegas": (
+        OMEGAS,
+        "common frequencies at which the fit is repeated [rad/s]",
+        {"metavar": "RAD_PER_S"},
+    ),
+    "out": (Path("results/calibration"), "folder to write to"),
+}
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Fit, print and write."""
+    storage.check_folder(arguments.out)
+    for omega in arguments.omegas:
+        positive("omega", omega, "rad/s")
+    start = calibration.candidate_of(from_scenario(scenario(arguments.preset)))
+    calibrate(start, arguments.omegas, arguments.out)
 
 
 def calibrate(start: calibration.Candidate, omegas: Sequence[float], out: Path) -> None:
@@ -91,18 +97,7 @@ def calibrate(start: calibration.Candidate, omegas: Sequence[float], out: Path) 
     print(f"written to {out / 'calibration.json'}")
 
 
-def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--preset", default="paper", help="scenario to start from")
-    parser.add_argument(
-        "--omegas", type=float, nargs="+", default=OMEGAS, metavar="RAD_PER_S",
-        help="common frequencies at which the fit is repeated [rad/s]",
-    )  # fmt: skip
-    parser.add_argument(
-        "--out", type=Path, default=Path("results/calibration"), help="folder to write to"
-    )
-    return parser.parse_args(argv)
-
+main = command.main("calibrate", __doc__.splitlines()[0], OPTIONS, run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -24,50 +24,75 @@ from qcar_env.plots import time_history
 from qcar_env.plots.style import journal, save
 from qcar_env.scenarios import SCENARIOS, Scenario, scenario as find_scenario
 from qcar_env.validation import finite, known, positive
+from scripts import command
 
 STEADY = 60.0  # [s] from rest; the paper's slow mode has a time constant of 4.8 s
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run the comparison and write its results; return the exit status."""
-    arguments = _parse(argv)
-    out, laws = arguments.out, arguments.laws
-    try:
-        if arguments.report:
-            report.check_installed()
-        base = find_scenario(arguments.scenario)
-        if arguments.force_limit is not None:
-            actuator = dataclasses.replace(base.actuator, limit=tuple(arguments.force_limit))
-            base = dataclasses.replace(base, actuator=actuator)
-        length = STEADY if base.excitation.harmonic else base.duration
-        if arguments.duration is not None:
-            length = positive("duration", arguments.duration, "s")
-        storage.check_folder(out)
-        gains = _gains(arguments.gains)
-        entries = [catalogue.entry(name, **gains.get(name, {})) for name in dict.fromkeys(laws)]
-        for name in gains:
-            known("law with gains", name, laws)
-        if arguments.force_limit is None:
-            entries += _agents(base)
-        found = comparison.compare(base, entries, duration=length, say=_say)
-        print(comparison.text(found))
-        used = {each: {**catalogue.describe(each)["gains"], **gains.get(each, {})} for each in laws}
-        comparison.write(out, found, used)
-        print(f"written to {out}: table.csv, result.json")
-        with journal():
-            figure = time_history.comparison(found)
-            if figure is not None:
-                save(figure, out / "time_histories")
-                print(f"written to {out}: time_histories.png, time_histories.pdf")
-        if arguments.report:
-            from qcar_env.report.comparison import page
+OPTIONS: command.Options = {
+    "scenario": ("paper", f"what is crossed: {', '.join(SCENARIOS)} (default: paper)"),
+    "laws": (
+        catalogue.names(),
+        f"laws to compare (default: {' '.join(catalogue.names())})",
+        {"metavar": "LAW"},
+    ),
+    "gains": (
+        (),
+        "gains that replace the published ones, in the unit of the law, such as "
+        "cnvc:G1=0.5,G2=0.5 [s/m^2]",
+        {"metavar": "LAW:GAIN=VALUE,..."},
+    ),
+    "force-limit": (
+        float,
+        "actuator limits instead of the scenario's: wheel and body [m/s^2], or one force [N]",
+        {"nargs": "+", "metavar": "LIMIT"},
+    ),
+    "duration": (
+        float,
+        f"simulated time from rest [s] (default: {STEADY:g} on an endless road)",
+    ),
+    "out": (
+        Path("results/compare"),
+        "folder for table.csv, result.json and the figure (default: results/compare)",
+    ),
+    "report": (False, "write report.html as well, an interactive page that opens offline"),
+}
 
-            _say("writing the report")
-            print(f"report: {page(out / 'report.html', found)}")
-    except (ValueError, OSError, RuntimeError) as error:  # the last: what MPC needs is absent
-        print(f"compare: {error}", file=sys.stderr)
-        return 2
-    return 0
+
+def run(arguments: argparse.Namespace) -> None:
+    """Run the comparison and write its results."""
+    out, laws = arguments.out, arguments.laws
+    if arguments.report:
+        report.check_installed()
+    base = find_scenario(arguments.scenario)
+    if arguments.force_limit is not None:
+        actuator = dataclasses.replace(base.actuator, limit=tuple(arguments.force_limit))
+        base = dataclasses.replace(base, actuator=actuator)
+    length = STEADY if base.excitation.harmonic else base.duration
+    if arguments.duration is not None:
+        length = positive("duration", arguments.duration, "s")
+    storage.check_folder(out)
+    gains = _gains(arguments.gains)
+    entries = [catalogue.entry(name, **gains.get(name, {})) for name in dict.fromkeys(laws)]
+    for name in gains:
+        known("law with gains", name, laws)
+    if arguments.force_limit is None:
+        entries += _agents(base)
+    found = comparison.compare(base, entries, duration=length, say=command.say)
+    print(comparison.text(found))
+    used = {each: {**catalogue.describe(each)["gains"], **gains.get(each, {})} for each in laws}
+    comparison.write(out, found, used)
+    print(f"written to {out}: table.csv, result.json")
+    with journal():
+        figure = time_history.comparison(found)
+        if figure is not None:
+            save(figure, out / "time_histories")
+            print(f"written to {out}: time_histories.png, time_histories.pdf")
+    if arguments.report:
+        from qcar_env.report.comparison import page
+
+        command.say("writing the report")
+        print(f"report: {page(out / 'report.html', found)}")
 
 
 def _agents(scenario: Scenario) -> list[Entry]:
@@ -85,72 +110,17 @@ def _gains(given: Sequence[str]) -> dict[str, dict[str, float]]:
         pairs = [pair.partition("=") for pair in rest.split(",")]
         if not colon or not all(equals for _, equals, _ in pairs):
             raise ValueError(f"gains must look like cnvc:G1=0.5,G2=0.5, got {each!r}")
-        values = {name: finite(f"gain {name}", _number(value)) for name, _, value in pairs}
-        found[law] = found.get(law, {}) | values
+        for name, _, value in pairs:
+            try:
+                number = float(value)
+            except ValueError:
+                raise ValueError(f"a gain must be a number, got {value!r}") from None
+            found.setdefault(law, {})[name] = finite(f"gain {name}", number)
     return found
 
 
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise ValueError(f"a gain must be a number, got {text!r}") from None
-
-
-def _say(text: str) -> None:
-    """Say on the error stream what is being done, so that the tables can be piped."""
-    print(f"... {text}", file=sys.stderr, flush=True)
-
-
-def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--scenario",
-        default="paper",
-        help=f"what is crossed: {', '.join(SCENARIOS)} (default: paper)",
-    )
-    parser.add_argument(
-        "--laws",
-        nargs="+",
-        default=list(catalogue.names()),
-        metavar="LAW",
-        help=f"laws to compare (default: {' '.join(catalogue.names())})",
-    )
-    parser.add_argument(
-        "--gains",
-        nargs="+",
-        default=[],
-        metavar="LAW:GAIN=VALUE,...",
-        help="gains that replace the published ones, in the unit of the law, such as "
-        "cnvc:G1=0.5,G2=0.5 [s/m^2]",
-    )
-    parser.add_argument(
-        "--force-limit",
-        nargs="+",
-        type=float,
-        metavar="LIMIT",
-        help="actuator limits instead of the scenario's: wheel and body [m/s^2], or one force [N]",
-    )
-    parser.add_argument(
-        "--duration",
-        type=float,
-        help=f"simulated time from rest [s] (default: {STEADY:g} on an endless road)",
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("results/compare"),
-        help="folder for table.csv, result.json and the figure (default: results/compare)",
-    )
-    parser.add_argument(
-        "--report",
-        action="store_true",
-        help="write report.html as well, an interactive page that opens offline",
-    )
-    return parser.parse_args(argv)
-
+# a RuntimeError: what MPC needs is absent
+main = command.main("compare", __doc__, OPTIONS, run, OSError, RuntimeError)
 
 if __name__ == "__main__":
     matplotlib.use("Agg")

@@ -7,39 +7,29 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
 from qcar_env.evaluation import storage
 from qcar_env.report.fidelity import page
 from qcar_env.scenarios import scenario
+from scripts import command
 
-ROOT = Path(__file__).parents[1]
+OPTIONS: command.Options = {
+    "preset": ("paper", "scenario to compare with the paper"),
+    "out": (Path(__file__).parents[1] / "docs" / "fidelity.md", "file to write"),
+}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Compute and write the page; return the exit status."""
-    arguments = _parse(argv)
-    try:
-        storage.check_file(arguments.out)
-        text = page(scenario(arguments.preset), partial(print, flush=True))
-    except ValueError as error:
-        print(f"fidelity: {error}", file=sys.stderr)
-        return 2
+def run(arguments: argparse.Namespace) -> None:
+    """Compute and write the page."""
+    storage.check_file(arguments.out)
+    text = page(scenario(arguments.preset), partial(print, flush=True))
     storage.write_text(arguments.out, text)
     print(f"written to {arguments.out}")
-    return 0
 
 
-def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--preset", default="paper", help="scenario to compare with the paper")
-    parser.add_argument(
-        "--out", type=Path, default=ROOT / "docs" / "fidelity.md", help="file to write"
-    )
-    return parser.parse_args(argv)
-
+main = command.main("fidelity", __doc__.splitlines()[0], OPTIONS, run)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -23,29 +23,22 @@ from baselines.tune import best
 from qcar_env.evaluation.storage import check_folder, replacing, write_csv, write_text
 from qcar_env.plots.learning import recipes as draw
 from qcar_env.validation import whole
+from scripts import command
 
-RUNS = Path("runs")
-OUT = Path("results/learning")
+OPTIONS: command.Options = {
+    "recipes": (str, "recipes to report (default: all with runs)", {"nargs": "+"}),
+    "seeds": ((0, 1, 2, 3, 4), None),
+    "train": (False, "train the runs that are missing"),
+    "runs": (Path("runs"), "folder of the run folders"),
+    "out": (Path("results/learning"), "where the report goes"),
+}
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; return its exit status."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--recipes", nargs="+", help="recipes to report (default: all with runs)")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4])
-    parser.add_argument("--train", action="store_true", help="train the runs that are missing")
-    parser.add_argument("--runs", type=Path, default=RUNS, help="folder of the run folders")
-    parser.add_argument("--out", type=Path, default=OUT, help="where the report goes")
-    args = parser.parse_args(argv)
-    try:
-        check_folder(args.out)
-        seeds = [whole("seed", each, least=0) for each in dict.fromkeys(args.seeds)]
-        rows, curves = collect(args.recipes, seeds, args.runs, tuned=best, train_missing=args.train)
-    except ValueError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+def run(args: argparse.Namespace) -> None:
+    """Collect and write the report."""
+    check_folder(args.out)
+    seeds = [whole("seed", each, least=0) for each in dict.fromkeys(args.seeds)]
+    rows, curves = collect(args.recipes, seeds, args.runs, tuned=best, train_missing=args.train)
     write_csv(args.out / "curves.csv", curves)
     write_text(args.out / "report.md", report(rows))
     for task in dict.fromkeys(row["task"] for row in rows):
@@ -54,8 +47,9 @@ def main(argv: list[str] | None = None) -> int:
         with replacing(args.out / f"{task}.png") as path:
             figure.savefig(path, dpi=150)
     print(f"wrote {args.out}/report.md")
-    return 0
 
+
+main = command.main("error", __doc__, OPTIONS, run)
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -21,39 +20,33 @@ from qcar_env.engine.closed_loop import cores
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.throughput.result import measure, table
 from qcar_env.validation import whole
+from scripts import command
 
-NUM_ENVS = (1, 64, 1024, 16384, 262144)
+OPTIONS: command.Options = {
+    "rounds": (11, "interleaved rounds (default: %(default)s)"),
+    "num-envs": (
+        (1, 64, 1024, 16384, 262144),
+        "batch sizes (default: 1 64 1024 16384 262144)",
+    ),
+    "threads": (cores(), "threads to compare (default: %(default)s)"),
+    "out": (Path("results/throughput"), "folder (default: %(default)s)"),
+}
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measure, print and store; return the exit status."""
-    parser = argparse.ArgumentParser(
-        description=__doc__.splitlines()[0], formatter_class=argparse.ArgumentDefaultsHelpFormatter
-    )
-    parser.add_argument("--rounds", type=int, default=11, help="interleaved rounds")
-    parser.add_argument(
-        "--num-envs", type=int, nargs="+", default=list(NUM_ENVS), help="batch sizes"
-    )
-    parser.add_argument("--threads", type=int, default=cores(), help="threads to compare")
-    parser.add_argument("--out", type=Path, default=Path("results/throughput"), help="folder")
-    arguments = parser.parse_args(argv)
-    try:
-        whole("rounds", arguments.rounds, least=3)
-        for n in arguments.num_envs:
-            whole("num-envs", n)
-        whole("threads", arguments.threads)
-        storage.check_folder(arguments.out)
-    except ValueError as error:
-        print(f"throughput: {error}", file=sys.stderr)
-        return 2
-    result = measure(arguments.rounds, arguments.num_envs, arguments.threads, _say)
+def run(arguments: argparse.Namespace) -> None:
+    """Measure, print and store."""
+    whole("rounds", arguments.rounds, least=3)
+    for n in arguments.num_envs:
+        whole("num-envs", n)
+    whole("threads", arguments.threads)
+    storage.check_folder(arguments.out)
+    result = measure(arguments.rounds, arguments.num_envs, arguments.threads, command.say)
     result["environment_share_of_ppo"] = _share()
     storage.write_text(arguments.out / "throughput.json", json.dumps(result, indent=1) + "\n")
     print(table(result))
     if find_spec("matplotlib"):
         _plot(result, arguments.out / "throughput.png")
     print(f"\nwritten to {arguments.out}")
-    return 0
 
 
 def _share() -> float | None:
@@ -63,10 +56,6 @@ def _share() -> float | None:
     from agents.environment_share import environment_share
 
     return environment_share()
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr)
 
 
 def _plot(result: Mapping[str, Any], path: Path) -> None:
@@ -82,6 +71,8 @@ def _plot(result: Mapping[str, Any], path: Path) -> None:
     figure.savefig(path, dpi=200)
     plt.close(figure)
 
+
+main = command.main("throughput", __doc__.splitlines()[0], OPTIONS, run)
 
 if __name__ == "__main__":
     raise SystemExit(main())

@@ -23,40 +23,47 @@ from agents.train import Progress, References, Result, check_new, resumed_recipe
 from qcar_env.evaluation.storage import check_folder, replacing
 from qcar_env.plots.learning import progress as draw
 from qcar_env.validation import positive, whole
+from scripts import command
 
 RUNS = Path("runs")
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run the command; return its exit status."""
-    parser = _parser()
-    args = parser.parse_args(argv)
-    try:
-        if args.target_db is not None:
-            positive("target-db", args.target_db, "dB")
-        if args.resume is not None:
-            algorithm, task, seed, steps = resumed_recipe(args.resume)
-            chosen = dataclasses.replace(recipe(algorithm, task), steps=steps)
-            _one(chosen, seed, args.resume, args, resume=True)
-            return 0
-        chosen = recipe(args.algo, args.track)
+OPTIONS: command.Options = {
+    "algo": ("ppo", f"one of: {', '.join(ALGORITHMS)}"),
+    "track": ("paper", f"one of: {', '.join(TASKS)}"),
+    "seed": (0, "seed of everything drawn"),
+    "seeds": (int, "several seeds, one after another", {"nargs": "+"}),
+    "steps": (int, "environment steps instead of the recipe's"),
+    "out": (Path, "run folder (default runs/NAME-seedN)"),
+    "resume": (Path, "go on with a killed run", {"metavar": "FOLDER"}),
+    "force": (False, "replace what is there"),
+    "target-db": (float, "stop when both amplitudes are reduced by this [dB]"),
+    "tensorboard": (False, "write TensorBoard files into the run folder"),
+    "publish": (False, "ship the seed that is best on validation in agents/pretrained"),
+    "quiet": (False, "no progress bar"),
+}
+
+
+def run(args: argparse.Namespace) -> None:
+    """Train what is asked for."""
+    if args.target_db is not None:
+        positive("target-db", args.target_db, "dB")
+    if args.resume is not None:
+        algorithm, task, seed, steps = resumed_recipe(args.resume)
+        chosen = dataclasses.replace(recipe(algorithm, task), steps=steps)
+        _one(chosen, seed, args.resume, args, resume=True)
+        return
+    chosen = recipe(args.algo, args.track)
+    if args.steps is not None:
+        chosen = dataclasses.replace(chosen, steps=args.steps)
+    if args.publish:
         if args.steps is not None:
-            chosen = dataclasses.replace(chosen, steps=args.steps)
-        if args.publish and args.steps is not None:
             raise ValueError("--publish ships what the recipe makes; leave out --steps")
-        if args.publish:
-            check_unpublished(chosen.name, force=args.force)
-        folders = _folders(chosen, args)
-        results = [
-            _one(chosen, seed, folder, args, resume=False) for seed, folder in folders.items()
-        ]
-        if args.publish:
-            folder = publish([each.folder for each in results], force=args.force)
-            print(f"published {folder}")
-    except ValueError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
+        check_unpublished(chosen.name, force=args.force)
+    folders = _folders(chosen, args)
+    results = [_one(chosen, seed, folder, args, resume=False) for seed, folder in folders.items()]
+    if args.publish:
+        print(f"published {publish([each.folder for each in results], force=args.force)}")
 
 
 def _folders(chosen: Recipe, args: argparse.Namespace) -> dict[int, Path]:
@@ -72,33 +79,6 @@ def _folders(chosen: Recipe, args: argparse.Namespace) -> dict[int, Path]:
         check_folder(folder)
         check_new(folder, force=args.force)
     return folders
-
-
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--algo", default="ppo", help=f"one of: {', '.join(ALGORITHMS)}")
-    parser.add_argument("--track", default="paper", help=f"one of: {', '.join(TASKS)}")
-    parser.add_argument("--seed", type=int, default=0, help="seed of everything drawn")
-    parser.add_argument("--seeds", type=int, nargs="+", help="several seeds, one after another")
-    parser.add_argument("--steps", type=int, help="environment steps instead of the recipe's")
-    parser.add_argument("--out", type=Path, help="run folder (default runs/NAME-seedN)")
-    parser.add_argument("--resume", type=Path, metavar="FOLDER", help="go on with a killed run")
-    parser.add_argument("--force", action="store_true", help="replace what is there")
-    parser.add_argument(
-        "--target-db", type=float, help="stop when both amplitudes are reduced by this [dB]"
-    )
-    parser.add_argument(
-        "--tensorboard", action="store_true", help="write TensorBoard files into the run folder"
-    )
-    parser.add_argument(
-        "--publish",
-        action="store_true",
-        help="ship the seed that is best on validation in agents/pretrained",
-    )
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
-    return parser
 
 
 def _one(
@@ -147,5 +127,7 @@ def describe(progress: Progress, beside: References) -> str:
     )
 
 
+main = command.main("error", __doc__, OPTIONS, run)
+
 if __name__ == "__main__":
-    raise SystemExit(main())
+    sys.exit(main())

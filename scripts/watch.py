@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import agents
@@ -22,35 +21,64 @@ from qcar_env.evaluation.entry import Entry, entry_of
 from qcar_env.plots.film import Film, show, write
 from qcar_env.scenarios import SCENARIOS, scenario as find_scenario
 from qcar_env.validation import known
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Show or write the film; return the exit status."""
-    arguments = _parse(argv)
-    try:
-        film = film_of(arguments)
-        out = arguments.out
-        if out is None and not _has_display():
-            names = "-vs-".join((arguments.policy, *arguments.vs))
-            out = Path("results/watch") / f"{names}.mp4"
-        if out is None:
-            show(film)
-        else:
-            write(film, out, _progress)
-            print(
-                f"written to {out}: {film.length / film.rate:.1f} s, "
-                f"{film.slow:g} times slower than real time, {out.stat().st_size / 1e6:.1f} MB"
-            )
-    except (ValueError, RuntimeError) as error:  # the latter: what a policy needs is absent
-        print(f"watch: {error}", file=sys.stderr)
-        return 2
-    return 0
+from scripts import command
 
 
 def policies() -> dict[str, Entry]:
     """Return the baselines and the shipped agents by name; tuned ones are called lnvc-tuned."""
     found = (*baselines.entries(), *agents.entries())
     return {each.name.replace(" (tuned)", "-tuned"): each for each in found}
+
+
+OPTIONS: command.Options = {
+    "policy": (
+        "cnvc",
+        f"who drives: {', '.join(policies())}, or a run folder of scripts/train.py (default: cnvc)",
+    ),
+    "vs": (("none",), "beside whom (default: none)", {"nargs": "*", "metavar": "POLICY"}),
+    "scenario": ("paper", f"{', '.join(SCENARIOS)} (default: paper)"),
+    "force-scale": (1.0, "force limit over the scenario's [-]"),
+    "duration": (float, "simulated time [s] (default: the scenario's)"),
+    "start": (
+        str,
+        "begin in the steady motion without control, or at rest (default: steady on an "
+        "endless road)",
+        {"choices": ("steady", "rest")},
+    ),
+    "wait": (
+        float,
+        "time before the policies act [s] (default: 0.5 on an endless road, else 0)",
+    ),
+    "slow": (4.0, "slow motion: film over real time [-] (default: 4)"),
+    "fps": (25.0, "frames a second (default: 25)"),
+    "size": (
+        (640, 480),
+        "of each car's frame [px] (default: 640 480)",
+        {"nargs": 2, "metavar": ("WIDTH", "HEIGHT")},
+    ),
+    "out": (
+        Path,
+        "file ending in .mp4 or .gif (default: the screen; without a display a file in "
+        "results/watch)",
+    ),
+}
+
+
+def run(arguments: argparse.Namespace) -> None:
+    """Show or write the film."""
+    film = film_of(arguments)
+    out = arguments.out
+    if out is None and not _has_display():
+        names = "-vs-".join((arguments.policy, *arguments.vs))
+        out = Path("results/watch") / f"{names}.mp4"
+    if out is None:
+        show(film)
+        return
+    write(film, out, _progress)
+    print(
+        f"written to {out}: {film.length / film.rate:.1f} s, "
+        f"{film.slow:g} times slower than real time, {out.stat().st_size / 1e6:.1f} MB"
+    )
 
 
 def film_of(arguments: argparse.Namespace) -> Film:
@@ -76,60 +104,6 @@ def film_of(arguments: argparse.Namespace) -> Film:
     )
 
 
-def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--policy",
-        default="cnvc",
-        help=f"who drives: {', '.join(policies())}, or a run folder of scripts/train.py "
-        "(default: cnvc)",
-    )
-    parser.add_argument(
-        "--vs", nargs="*", default=["none"], metavar="POLICY", help="beside whom (default: none)"
-    )
-    parser.add_argument(
-        "--scenario", default="paper", help=f"{', '.join(SCENARIOS)} (default: paper)"
-    )
-    parser.add_argument(
-        "--force-scale", type=float, default=1.0, help="force limit over the scenario's [-]"
-    )
-    parser.add_argument(
-        "--duration", type=float, help="simulated time [s] (default: the scenario's)"
-    )
-    parser.add_argument(
-        "--start",
-        choices=("steady", "rest"),
-        help="begin in the steady motion without control, or at rest (default: steady on an "
-        "endless road)",
-    )
-    parser.add_argument(
-        "--wait",
-        type=float,
-        help="time before the policies act [s] (default: 0.5 on an endless road, else 0)",
-    )
-    parser.add_argument(
-        "--slow", type=float, default=4.0, help="slow motion: film over real time [-] (default: 4)"
-    )
-    parser.add_argument("--fps", type=float, default=25.0, help="frames a second (default: 25)")
-    parser.add_argument(
-        "--size",
-        type=int,
-        nargs=2,
-        default=(640, 480),
-        metavar=("WIDTH", "HEIGHT"),
-        help="of each car's frame [px] (default: 640 480)",
-    )
-    parser.add_argument(
-        "--out",
-        type=Path,
-        help="file ending in .mp4 or .gif (default: the screen; without a display a file in "
-        "results/watch)",
-    )
-    return parser.parse_args(argv)
-
-
 def _has_display() -> bool:
     if sys.platform in ("win32", "darwin"):
         return True
@@ -141,6 +115,9 @@ def _progress(number: int, length: int) -> None:
         end = "\n" if number == length else ""
         print(f"\r... frame {number} of {length}", end=end, file=sys.stderr, flush=True)
 
+
+# a RuntimeError: what a policy needs is absent
+main = command.main("watch", __doc__, OPTIONS, run, RuntimeError)
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -1,7 +1,11 @@
-"""A trained agent: a folder with its policy and its recipe. Needs onnxruntime, not torch."""
+"""Policies from files: a bare ONNX file, and a trained agent, a folder with one and its recipe.
+
+Both need onnxruntime, not torch.
+"""
 
 from __future__ import annotations
 
+import importlib
 import json
 from pathlib import Path
 from typing import Any
@@ -9,8 +13,103 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.envs.episode import Observe
-from qcar_env.evaluation.onnx_policy import OnnxPolicy
+from qcar_env.envs.episode import FEEDBACK_SIZE, FULL_SIZE, OBSERVE, Observe, observed
+
+
+class OnnxPolicy:
+    """A network with one input (n, k) and the actions (n, m) as its first output.
+
+    Parameters
+    ----------
+    path : Path
+        The file. It holds no code, so a file from elsewhere is safe to load.
+
+    Raises
+    ------
+    ValueError
+        If the file is absent or no policy, or its input has no size that an observation has.
+    RuntimeError
+        If onnxruntime is not installed.
+
+    Notes
+    -----
+    The number of inputs says what the policy reads: 4 the state, 8 also road and external force,
+    5 and 9 the same with the force limit.
+    """
+
+    def __init__(self, path: Path) -> None:
+        try:
+            runtime = importlib.import_module("onnxruntime")
+        except ImportError:
+            raise RuntimeError(
+                "an ONNX policy needs onnxruntime: pip install 'qcar_env[run]'"
+            ) from None
+        if not path.is_file():
+            raise ValueError(f"no file {path}; give the path of an ONNX file")
+        options = runtime.SessionOptions()
+        options.intra_op_num_threads = 1  # a small net is slower on two
+        options.log_severity_level = 3
+        try:
+            self._session: Any = runtime.InferenceSession(
+                path.read_bytes(), options, providers=["CPUExecutionProvider"]
+            )
+        except Exception as error:  # onnxruntime has no common class of its own
+            raise ValueError(
+                f"{path} is not an ONNX policy, it may be cut off ({type(error).__name__}); "
+                "export it again or fetch the file again"
+            ) from error
+        self._input = self._session.get_inputs()[0]
+        sizes = {
+            len(observed(observe, limit)): (observe, limit)
+            for observe in OBSERVE
+            for limit in (False, True)
+        }
+        size = self._input.shape[-1]
+        if size not in sizes:
+            raise ValueError(
+                f"{path} must take an observation of {', '.join(map(str, sorted(sizes)))} entries, "
+                f"got {size}"
+            )
+        self.name = path.stem if path.stem != "policy" else path.parent.name
+        self.size = int(size)
+        self.reads, self.observe_limit = sizes[size]
+
+    def predict(
+        self,
+        observation: Any,
+        state: tuple[NDArray[Any], ...] | None = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.float32], None]:
+        """Return the actions (see `qcar_env.evaluation.policy.Policy`); nothing is remembered.
+
+        A policy that reads the state takes a full observation too, whose first entries it is.
+
+        Raises
+        ------
+        ValueError
+            If the observation is not (n, k) or (k,), or has the wrong size.
+        """
+        try:
+            seen = np.asarray(observation, dtype=np.float32)
+        except (TypeError, ValueError) as error:
+            raise ValueError(
+                f"observation of {self.name} must be numbers (n, k) or (k,), got "
+                f"{type(observation).__name__} ({error}); give what the environment returns"
+            ) from None
+        size = seen.shape[-1] if seen.ndim else 0
+        wider = self.size == FEEDBACK_SIZE and size >= FULL_SIZE
+        if seen.ndim not in (1, 2) or (size != self.size and not wider):
+            raise ValueError(
+                f"observation of {self.name} must have {self.size} entries, got shape "
+                f"{seen.shape}; "
+                f"make the environment with observe={self.reads!r}, "
+                f"observe_limit={self.observe_limit}"
+            )
+        batch = np.ascontiguousarray(seen.reshape(-1, size)[:, : self.size])
+        action = np.asarray(self._session.run(None, {self._input.name: batch})[0])
+        size = -1 if action.size else action.shape[-1]
+        return action.reshape(*seen.shape[:-1], size), None
 
 
 class Agent:

@@ -7,7 +7,7 @@ import multiprocessing
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -57,6 +57,24 @@ class Outcome:
         """Policies ranked, best first within each track and force limit."""
         lower = {unit: [bound.lower for bound in each] for unit, each in self.bounds.items()}
         return standings(self.rows, lower, seed=self.seed or 0)
+
+    def ranked(self, track: str, force_scale: float) -> list[Standing]:
+        """Return the standings at one force limit of a track, best first."""
+        here = (track, force_scale)
+        return [each for each in self.standings if (each.track, each.force_scale) == here]
+
+    def best_learned(self, track: str, force_scale: float) -> Standing | None:
+        """Return the best of the learned policies there, if any entered."""
+        there = self.ranked(track, force_scale)
+        return next((each for each in there if each.kind == "learned"), None)
+
+    def by_policy(self, track: str, force_scale: float) -> dict[str, list[float]]:
+        """Return rho of every episode there [-], by policy."""
+        found: dict[str, list[float]] = {}
+        for row in self.rows:
+            if (row.track, row.force_scale) == (track, force_scale):
+                found.setdefault(row.policy, []).append(row.rho)
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,28 +129,27 @@ def run(
     distinct = _distinct(tracks)
     begin = time.monotonic()
     parts: dict[str, _Part] = {}
+
+    def keep(entry: Entry, part: _Part) -> None:
+        parts[entry.name] = part
+        progress(entry.name, len(parts), len(order), time.monotonic() - begin)
+
     if jobs == 1:
-        found = [optimum_of(track, scale, seed=seed) for track, scale in distinct.values()]
+        found = [optimum_of(*unit, seed=seed) for unit in distinct.values()]
         for each in order:
-            parts[each.name] = _enter(each, tracks, seed)
-            progress(each.name, len(parts), len(order), time.monotonic() - begin)
+            keep(each, _enter(each, tracks, seed))
     else:
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(jobs, mp_context=context) as pool:
             # The optimum goes in among the first: alone at the end it would keep all waiting.
             first = sum(each.name in SLOWEST for each in order)
-            futures: dict[Future[_Part], Entry] = {
-                pool.submit(_enter, each, tracks, seed): each for each in order[:first]
-            }
+            futures = {pool.submit(_enter, each, tracks, seed): each for each in order[:first]}
             optima = [pool.submit(optimum_of, *unit, seed=seed) for unit in distinct.values()]
             futures |= {pool.submit(_enter, each, tracks, seed): each for each in order[first:]}
             for future in as_completed(futures):
-                each = futures[future]
-                try:
-                    parts[each.name] = future.result()
-                except Exception as error:  # the worker itself died
-                    parts[each.name] = _all_failed(each, tracks, error)
-                progress(each.name, len(parts), len(order), time.monotonic() - begin)
+                each, error = futures[future], future.exception()
+                # an error: the worker itself died
+                keep(each, _all_failed(each, tracks, error) if error else future.result())
             found = [each.result() for each in optima]
     inside = {each.name: parts[each.name] for each in entries}
     bounds = dict(zip(distinct, found, strict=True))
@@ -148,9 +165,7 @@ def run(
             for unit, each in part.scores.items()
         },
         bounds={
-            (track.name, scale): bounds[(_alike(track), scale)]
-            for track in tracks
-            for scale in track.force_scales
+            (each.name, scale): bounds[(_alike(each), scale)] for each, scale in _units(tracks)
         },
         failures=tuple(failure for part in inside.values() for failure in part.failures),
     )
@@ -180,12 +195,16 @@ def _enter(entry: Entry, tracks: Sequence[Track], seed: int | None) -> _Part:
     return _Part(scores=scores, failures=tuple(failures))
 
 
-def _all_failed(entry: Entry, tracks: Sequence[Track], error: Exception) -> _Part:
-    failures = [_failure(entry.name, each.name, scale, error) for each, scale in _units(tracks)]
-    return _Part(scores={}, failures=tuple(failures))
+def _all_failed(entry: Entry, tracks: Sequence[Track], error: BaseException) -> _Part:
+    return _Part(
+        scores={},
+        failures=tuple(
+            _failure(entry.name, each.name, scale, error) for each, scale in _units(tracks)
+        ),
+    )
 
 
-def _failure(policy: str, track: str, scale: float, error: Exception) -> Failure:
+def _failure(policy: str, track: str, scale: float, error: BaseException) -> Failure:
     text = " ".join(str(error).split()) or "no message"
     return Failure(
         policy=policy,

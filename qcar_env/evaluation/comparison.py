@@ -84,9 +84,7 @@ def compare(
         scenario=scenario,
         duration=duration,
         outcomes=tuple(
-            outcome(
-                name, each, scenario.reference_amplitudes, periods=PERIODS if harmonic else None
-            )
+            outcome(name, each, periods=PERIODS if harmonic else None)
             for name, each in rollouts.items()
         ),
         rollouts=rollouts,
@@ -99,7 +97,7 @@ def compare(
 
 def text(comparison: Comparison) -> str:
     """Return both tables for a terminal."""
-    return (_table1(comparison.table1) if comparison.table1 else "") + _outcomes(comparison)
+    return _table1(comparison.table1) + _outcomes(comparison)
 
 
 def write(folder: Path, comparison: Comparison, gains: Mapping[str, Mapping[str, float]]) -> None:
@@ -143,12 +141,9 @@ def write(folder: Path, comparison: Comparison, gains: Mapping[str, Mapping[str,
 def _record(found: Outcome) -> dict[str, Any]:
     return {
         "policy": found.policy,
-        "x1_m": found.amplitudes[0],
-        "x2_m": found.amplitudes[1],
-        "error_x1_percent": found.percentage_errors[0],
-        "error_x2_percent": found.percentage_errors[1],
-        "reduction_x1_db": found.reductions[0],
-        "reduction_x2_db": found.reductions[1],
+        **dict(zip(("x1_m", "x2_m"), found.amplitudes, strict=True)),
+        **dict(zip(("error_x1_percent", "error_x2_percent"), found.percentage_errors, strict=True)),
+        **dict(zip(("reduction_x1_db", "reduction_x2_db"), found.reductions, strict=True)),
         "rho": found.rho,
         "peak_force": " ".join(f"{value:.6g}" for value in found.peak_force),
         "rms_force": " ".join(f"{value:.6g}" for value in found.rms_force),
@@ -157,16 +152,13 @@ def _record(found: Outcome) -> dict[str, Any]:
 
 
 def _table1(cells: Sequence[Cell]) -> str:
-    rows = [["law", "G", "mass", "no control [m]", "controlled [m]", "difference [m]"]]
-    rows[0] += ["error [%]", "paper [%]", "ratio / paper's"]
-    for cell in cells:
-        rows.append(
-            [
-                cell.law, f"{cell.gain:g}", f"x{cell.mass}", f"{cell.uncontrolled:.3f}",
-                f"{cell.controlled:.4f}", f"{cell.absolute_error:.3f}",
-                f"{cell.percentage_error:.0f}", f"{cell.printed:g}", f"{cell.agreement:.2f}",
-            ]
-        )  # fmt: skip
+    if not cells:
+        return ""
+    header = (
+        *("law", "G", "mass", "no control [m]", "controlled [m]", "difference [m]"),
+        *("error [%]", "paper [%]", "ratio / paper's"),
+    )
+    rows = [header, *map(tables.table1_row, cells)]
     return (
         "Table 1 of the paper: the law acts at every instant, forces are not limited\n\n"
         f"{tables.columns(rows, left=3)}\n\n"
@@ -178,31 +170,20 @@ def _table1(cells: Sequence[Cell]) -> str:
 def _outcomes(comparison: Comparison) -> str:
     scenario, best = comparison.scenario, comparison.optimum
     unit, limits = scenario.actuator.unit, scenario.actuator.limit
-    rows = [["policy", "x1 [m]", "x2 [m]", "rho", "error x1 [%]", "error x2 [%]"]]
-    rows[0] += ["x1 [dB]", "x2 [dB]", f"peak force [{unit}]", f"RMS force [{unit}]"]
+    header = (
+        *("policy", "x1 [m]", "x2 [m]", "rho", "error x1 [%]", "error x2 [%]"),
+        *("x1 [dB]", "x2 [dB]", f"peak force [{unit}]", f"RMS force [{unit}]"),
+    )
+    rows: list[tuple[str, ...]] = [header]
     for each in comparison.outcomes:
-        rows.append(
-            [
-                each.policy + (" (left the travel limit)" if each.terminated else ""),
-                *(f"{value:.4f}" for value in each.amplitudes),
-                f"{each.rho:.4f}",
-                *(f"{round(value) + 0:d}" for value in each.percentage_errors),
-                *(f"{round(-value, 1) + 0.0:.1f}" for value in each.reductions),
-                " / ".join(f"{value:.1f}" for value in each.peak_force),
-                " / ".join(f"{value:.1f}" for value in each.rms_force),
-            ]
-        )
+        left = " (left the travel limit)" if each.terminated else ""
+        errors = [f"{round(value) + 0:d}" for value in each.percentage_errors]
+        errors += [f"{round(-value, 1) + 0.0:.1f}" for value in each.reductions]
+        forces = each.peak_force, each.rms_force
+        rows.append(_row(each.policy + left, (*each.amplitudes, each.rho), errors, forces))
     if best is not None:
         forces = np.max(np.abs(best.u), axis=0), np.sqrt(np.mean(best.u**2, axis=0))
-        rows.append(
-            [
-                "optimum",
-                *(f"{value:.4f}" for value in best.amplitudes),
-                f"{best.upper:.4f}",
-                *[""] * 4,
-                *(" / ".join(f"{value:.1f}" for value in each) for each in forces),
-            ]
-        )
+        rows.append(_row("optimum", (*best.amplitudes, best.upper), [""] * 4, forces))
     lines = [
         f"Scenario {scenario.name}: the law acts every {scenario.dt * 1e3:g} ms, every force is "
         f"limited to {' and '.join(f'{value:g}' for value in limits)} {unit}, "
@@ -218,3 +199,12 @@ def _outcomes(comparison: Comparison) -> str:
             "make benchmark scores every policy at every limit, with intervals",
         ]
     return "\n".join(lines) + "\n"
+
+
+def _row(name: str, amplitudes: Any, errors: Sequence[str], forces: Any) -> tuple[str, ...]:
+    return (
+        name,
+        *(f"{value:.4f}" for value in amplitudes),
+        *errors,
+        *(" / ".join(f"{value:.1f}" for value in each) for each in forces),
+    )

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from qcar_env.envs import episode as task
-from qcar_env.evaluation.agent import Agent
-from qcar_env.evaluation.onnx_policy import OnnxPolicy
+from qcar_env.evaluation.agent import Agent, OnnxPolicy
 from qcar_env.evaluation.tracks import Track
 from qcar_env.scenarios import Scenario
 
@@ -89,11 +88,13 @@ def entry_of(spec: str) -> Entry:
     if path.suffix == ".onnx" or path.is_dir():
         if not path.exists():
             raise ValueError(f"no file {spec}; give the path of an ONNX file, or module:object")
-        policy = _loaded(path)
-        name = path.stem if path.suffix and path.stem != "policy" else path.resolve().name
-        name = path.resolve().parent.name if path.stem == "policy" and path.suffix else name
-        maker = partial(_from_file, path.resolve())
-        return Entry(name=name, kind="yours", title=name, make=maker, reads=policy.reads)
+        whole = path.resolve()
+        name = path.stem if path.suffix else whole.name
+        name = whole.parent.name if path.suffix and path.stem == "policy" else name
+        reads = _loaded(path).reads
+        return Entry(
+            name=name, kind="yours", title=name, make=partial(_from_file, whole), reads=reads
+        )
     module, colon, attribute = spec.partition(":")
     if not colon or not module or not attribute:
         raise ValueError(

@@ -38,16 +38,16 @@ def leaderboard(outcome: Outcome) -> str:
     lines += [
         "",
         "rho is the share of the uncontrolled amplitude that is left, the larger of wheel and "
-        "body: interquartile mean over the crossings, with its 95 % bootstrap interval. The "
+        "body: interquartile mean over the episodes, with its 95 % bootstrap interval. The "
         "optimum is the certified lower bound: no force within the limit, of any shape, leaves "
-        "less. P(< CNVC) is the probability that a crossing ends with a lower rho than CNVC's "
+        "less. P(< CNVC) is the probability that an episode ends with a lower rho than CNVC's "
         "with the paper's gain 1.2.",
     ]
     for each in outcome.tracks:
         lines += ["", f"## Track `{each.name}`, version {each.version}: {each.title}"]
         lines += [
             "",
-            f"{each.episodes} held-out crossings of {each.duration:g} s at each limit, amplitudes "
+            f"{each.episodes} held-out episodes of {each.duration:g} s at each limit, amplitudes "
             f"over {_measured(each)}; policies may read: "
             + ("the state alone." if each.observe == "feedback" else "state, road and force."),
         ]
@@ -79,12 +79,8 @@ def write(folder: Path, outcome: Outcome) -> list[str]:
         "findings": list(findings(outcome.standings)),
         "standings": [dataclasses.asdict(each) for each in outcome.standings],
         "optimum": [
-            {
-                "track": unit[0],
-                "force_scale": unit[1],
-                "crossings": [dataclasses.asdict(b) for b in each],
-            }
-            for unit, each in outcome.bounds.items()
+            {"track": name, "force_scale": scale, "episodes": list(map(dataclasses.asdict, each))}
+            for (name, scale), each in outcome.bounds.items()
         ],
         "failures": [dataclasses.asdict(each) for each in outcome.failures],
         "rows": rows,
@@ -94,11 +90,10 @@ def write(folder: Path, outcome: Outcome) -> list[str]:
 
 
 def _measured(track: Track) -> str:
-    return "the whole crossing" if track.periods is None else f"the last {track.periods} periods"
+    return "the whole episode" if track.periods is None else f"the last {track.periods} periods"
 
 
 def _table(outcome: Outcome, where: Track, scale: float) -> list[str]:
-    here = [s for s in outcome.standings if (s.track, s.force_scale) == (where.name, scale)]
     bound = outcome.bounds[(where.name, scale)]
     rows: list[list[str]] = []
     if bound:
@@ -109,9 +104,9 @@ def _table(outcome: Outcome, where: Track, scale: float) -> list[str]:
         rate = f"*optimum at {1.0 / where.nominal.dt:g} Hz*"
         shape = "forces held over the control interval"
         rows.append(["", rate, "", "everything", _rho(max(held)), shape, "", ""])
-    for number, each in enumerate(here, start=1):
+    for number, each in enumerate(outcome.ranked(where.name, scale), start=1):
         chance = each.improvement
-        left = f", {each.terminated} crossings left the travel limits" if each.terminated else ""
+        left = f", {each.terminated} episodes left the travel limits" if each.terminated else ""
         rows.append(
             [
                 str(number),

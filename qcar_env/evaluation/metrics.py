@@ -1,4 +1,4 @@
-"""Metrics of a controlled crossing, the paper's and the field's."""
+"""Metrics of a controlled episode, the paper's and the field's."""
 
 from __future__ import annotations
 
@@ -74,10 +74,6 @@ def last_periods(t: ArrayLike, omega: float, periods: int = 5) -> slice:
         Frequency of the motion [rad/s].
     periods : int
         How many periods.
-
-    Returns
-    -------
-    slice
 
     Raises
     ------

@@ -56,25 +56,9 @@ def actions_of(
     begins: NDArray[np.bool_],
     size: int,
 ) -> tuple[NDArray[np.float64], Any]:
-    """Return a policy's actions and memory after a check of what it returned.
+    """Return a policy's actions (n, size) and memory after a check of what it returned.
 
-    Parameters
-    ----------
-    policy : Policy
-        What acts.
-    observation : ndarray (n, k)
-        What it is shown.
-    memory : tuple of ndarray or None
-        What it returned last.
-    begins : ndarray (n,) of bool
-        Which cars have just begun.
-    size : int
-        Number of actuators.
-
-    Returns
-    -------
-    actions : ndarray (n, size)
-    memory : tuple of ndarray or None
+    Arguments are those of `Policy.predict`, for n cars with `size` actuators.
 
     Raises
     ------

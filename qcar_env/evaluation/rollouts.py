@@ -98,13 +98,10 @@ class Rollouts:
 
     def _one(self, j: int, scenario: Scenario) -> Rollout:
         k = slice(0, int(self.lasted[j]))
-        x1, x2, v1, v2 = self.x[k, j].T
+        state = dict(zip(("x1", "x2", "v1", "v2"), self.x[k, j].T, strict=True))
         return Rollout(
+            **state,
             t=self.t[k],
-            x1=x1,
-            x2=x2,
-            v1=v1,
-            v2=v2,
             force=self.force[k, j],
             reward=self.reward[k, j],
             terminated=bool(self.terminated[j]),
@@ -163,10 +160,6 @@ def rollout(
     signals : sequence
         What is kept besides (see `rollouts`).
 
-    Returns
-    -------
-    Rollout
-
     Raises
     ------
     ValueError
@@ -217,10 +210,6 @@ def rollouts(
     last : int, optional
         Keep so many rows at the end; all if left out.
 
-    Returns
-    -------
-    Rollouts
-
     Raises
     ------
     ValueError
@@ -236,7 +225,12 @@ def rollouts(
     rows = steps if last is None else min(whole("last", last), steps)
     x, force = np.empty((rows, n, 4)), np.empty((rows, n, size))
     reward, others = np.empty((rows, n)), np.empty((rows, n, len(kept)))
-    seen = cars.reset(np.ones(n, dtype=bool), _given(episodes), _uniforms(episodes, cars))
+    given = np.array([(*each.state, each.phase) for each in episodes], dtype=np.float64)
+    # State and phase are given, so that what they would be drawn from does not matter.
+    uniforms = np.zeros((n, cars.uniforms.shape[1]))
+    for row, each in zip(uniforms, episodes, strict=True):
+        row[: len(each.uniforms)] = each.uniforms
+    seen = cars.reset(np.ones(n, dtype=bool), given, uniforms)
     begins, over = np.ones(n, dtype=bool), np.zeros(n, dtype=bool)
     lasted = np.full(n, rows)
     end: Any = None  # states of cars whose episodes are over
@@ -301,8 +295,7 @@ def _fleet(
         members.setdefault(key, []).append(i)
     first, *others = plans.values()
     for each in others:
-        alike = (each.composition, each.dt, each.substeps, each.scenario.steps)
-        if alike != (first.composition, first.dt, first.substeps, first.scenario.steps):
+        if _shape(each) != _shape(first):
             raise ValueError(
                 "episodes rolled out together must share parts, control interval and duration, got "
                 f"{first.scenario.name!r} (dt = {first.dt:g} s) and {each.scenario.name!r} "
@@ -315,13 +308,5 @@ def _fleet(
     return cars, first.scenario
 
 
-def _given(episodes: Sequence[Episode]) -> Array:
-    return np.array([(*each.state, each.phase) for each in episodes], dtype=np.float64)
-
-
-def _uniforms(episodes: Sequence[Episode], cars: Cars) -> Array:
-    """Return what the cars draw from; state and phase are given, so that theirs do not matter."""
-    found = np.zeros((len(episodes), cars.uniforms.shape[1]))
-    for row, each in zip(found, episodes, strict=True):
-        row[: len(each.uniforms)] = each.uniforms
-    return found
+def _shape(plan: Plan) -> tuple[Any, ...]:
+    return plan.composition, plan.dt, plan.substeps, plan.scenario.steps

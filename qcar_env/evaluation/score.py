@@ -93,10 +93,6 @@ def score(
     seed : int, optional
         Another seed of the set than the track's.
 
-    Returns
-    -------
-    Scores
-
     Raises
     ------
     ValueError
@@ -148,17 +144,7 @@ def _row(rollout: Rollout, episode: Episode, track: Track, names: dict[str, Any]
         track=track.name,
         version=track.version,
         drawn="; ".join(f"{path} {value!r}" for path, value in episode.drawn.items()),
-        rho=found.rho,
-        x1=found.amplitudes[0],
-        x2=found.amplitudes[1],
-        percentage_error_x1=found.percentage_errors[0],
-        percentage_error_x2=found.percentage_errors[1],
-        reduction_db_x1=found.reductions[0],
-        reduction_db_x2=found.reductions[1],
-        peak_force_1=found.peak_force[0],
-        peak_force_2=found.peak_force[-1],
-        rms_force_1=found.rms_force[0],
-        rms_force_2=found.rms_force[-1],
+        **found.measures,
         settling_time=metrics.settling_time(rollout.t, envelope),
         terminated=found.terminated,
     )

@@ -52,9 +52,8 @@ def iqm(values: ArrayLike) -> Array:
         If there is no value.
     """
     ordered = np.sort(_some(values), axis=-1)
-    n = ordered.shape[-1]
-    drop = n // 4
-    return ordered[..., drop : n - drop].mean(axis=-1)
+    drop = ordered.shape[-1] // 4
+    return ordered[..., drop : ordered.shape[-1] - drop].mean(axis=-1)
 
 
 def mean(values: ArrayLike) -> Array:
@@ -86,30 +85,16 @@ def bootstrap(
     level : float
         Share of resamples inside the interval [-], between 0 and 1.
 
-    Returns
-    -------
-    Interval
-
     Raises
     ------
     ValueError
         If a stratum is empty or not finite, or a number is out of range.
     """
-    whole("resamples", resamples)
-    _check_level(level)
-    groups = _groups(strata)
-    if not groups:
-        raise ValueError("strata must not be empty; give at least one group of values")
-    drawn = [each[rng.integers(len(each), size=(resamples, len(each)))] for each in groups]
+    groups = _groups(strata, resamples, level)
+    _check_some(groups)
+    drawn = [_drawn(each, rng, resamples) for each in groups]
     found = statistic(np.concatenate(drawn, axis=1))
-    tail = 0.5 * (1.0 - level)
-    low, high = np.quantile(found, (tail, 1.0 - tail))
-    return Interval(
-        value=float(statistic(np.concatenate(groups))),
-        low=float(low),
-        high=float(high),
-        level=level,
-    )
+    return _interval(statistic(np.concatenate(groups)), found, level)
 
 
 def probability_of_improvement(better: ArrayLike, worse: ArrayLike) -> float:
@@ -125,8 +110,7 @@ def probability_of_improvement(better: ArrayLike, worse: ArrayLike) -> float:
     float
         Share of pairs [-]; a tie counts half (Mann and Whitney's U over ``n k``).
     """
-    x, y = _values(better)[:, np.newaxis], _values(worse)
-    return float(np.mean((x < y) + 0.5 * (x == y)))
+    return float(_improvement(_values(better), _values(worse)))
 
 
 def improvement_interval(
@@ -151,26 +135,20 @@ def improvement_interval(
     ValueError
         If the numbers of strata differ, or see `bootstrap`.
     """
-    whole("resamples", resamples)
-    _check_level(level)
-    ours, theirs = _groups(better), _groups(worse)
+    ours, theirs = (_groups(each, resamples, level) for each in (better, worse))
     if len(ours) != len(theirs):
         raise ValueError(
             f"both policies must have the same strata, got {len(ours)} and {len(theirs)}; "
             "give one group of values each for every stratum"
         )
-    if not ours:
-        raise ValueError("strata must not be empty; give at least one group of values")
+    _check_some(ours)
     total = np.zeros(resamples)
     value = 0.0
     for x, y in zip(ours, theirs, strict=True):
-        a = x[rng.integers(len(x), size=(resamples, len(x)))][:, :, np.newaxis]
-        b = y[rng.integers(len(y), size=(resamples, len(y)))][:, np.newaxis, :]
-        total += np.mean((a < b) + 0.5 * (a == b), axis=(1, 2)) / len(ours)
+        a, b = _drawn(x, rng, resamples), _drawn(y, rng, resamples)
+        total += _improvement(a, b) / len(ours)
         value += probability_of_improvement(x, y) / len(ours)
-    tail = 0.5 * (1.0 - level)
-    low, high = np.quantile(total, (tail, 1.0 - tail))
-    return Interval(value=value, low=float(low), high=float(high), level=level)
+    return _interval(value, total, level)
 
 
 def share_interval(
@@ -226,13 +204,38 @@ def _some(given: ArrayLike) -> Array:
     return values
 
 
-def _groups(strata: Sequence[ArrayLike]) -> list[Array]:
+def _groups(strata: Sequence[ArrayLike], resamples: int, level: float) -> list[Array]:
+    """Check what a bootstrap is given, and return its strata."""
+    whole("resamples", resamples)
+    _check_level(level)
     try:
         return [_values(each) for each in strata]
     except TypeError:
         raise ValueError(
             f"strata must be a sequence of groups of values, got {strata!r}; give a row for each"
         ) from None
+
+
+def _check_some(groups: Sequence[Array]) -> None:
+    if not groups:
+        raise ValueError("strata must not be empty; give at least one group of values")
+
+
+def _drawn(values: Array, rng: np.random.Generator, resamples: int) -> Array:
+    """Return resamples (resamples, n) of values (n,)."""
+    return values[rng.integers(len(values), size=(resamples, len(values)))]
+
+
+def _improvement(better: Array, worse: Array) -> Array:
+    """Return the share of pairs along the last axes that are better; a tie counts half."""
+    x, y = better[..., :, np.newaxis], worse[..., np.newaxis, :]
+    return np.mean((x < y) + 0.5 * (x == y), axis=(-2, -1))
+
+
+def _interval(value: ArrayLike, resampled: Array, level: float) -> Interval:
+    tail = 0.5 * (1.0 - level)
+    low, high = np.quantile(resampled, (tail, 1.0 - tail))
+    return Interval(value=float(np.asarray(value)), low=float(low), high=float(high), level=level)
 
 
 def _values(given: ArrayLike) -> Array:

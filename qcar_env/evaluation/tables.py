@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from qcar_env.analysis.paper.table1 import Cell
+
 
 def markdown(header: Sequence[str], rows: Iterable[Sequence[str]], right: str = "") -> list[str]:
     """Return the lines of a Markdown table.
@@ -34,6 +36,19 @@ def columns(rows: Sequence[Sequence[str]], left: int) -> str:
         if number == 0:
             lines.append("  ".join("-" * width for width in widths))
     return "\n".join(lines)
+
+
+def table1_row(cell: Cell) -> tuple[str, ...]:
+    """Return a cell of the paper's Table 1 as text.
+
+    Law, gain and mass; amplitude without and with control and their difference [m]; percentage
+    error, ours and the paper's; ratio of the amplitudes, ours over the paper's.
+    """
+    return (
+        cell.law, f"{cell.gain:g}", f"x{cell.mass}", f"{cell.uncontrolled:.3f}",
+        f"{cell.controlled:.4f}", f"{cell.absolute_error:.3f}", f"{cell.percentage_error:.0f}",
+        f"{cell.printed:g}", f"{cell.agreement:.2f}",
+    )  # fmt: skip
 
 
 def _line(cells: Sequence[str]) -> str:

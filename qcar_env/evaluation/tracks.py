@@ -1,7 +1,7 @@
 """Tracks: what a policy is scored on, frozen and under a version.
 
 A track fixes the scenario, the force limits, what a policy is shown, the starts or draws, and how
-long a crossing lasts. Each has three disjoint sets of episodes:
+long an episode lasts. Each has three disjoint sets of episodes:
 
 - ``training``: what gains are tuned and agents trained on, endless;
 - ``validation``: what chooses among candidates (seeds, checkpoints, gains);
@@ -22,13 +22,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.engine.starts import (
-    CIRCLE,
-    FIRST_DRAWS,
-    MOTION_DRAWS,
-    Reference as Amplitudes,
-    drawn_motion,
-)
+from qcar_env.engine import starts
 from qcar_env.envs import episode as task
 from qcar_env.scenarios import Scales, Scenario, scenario as find_scenario
 from qcar_env.validation import known, positive, shown, store, whole
@@ -90,11 +84,11 @@ class Track:
     observe : {"full", "feedback"}
         Most that a policy may be shown.
     episodes : int
-        Crossings in the validation and in the held-out set, at each force limit.
+        Episodes in the validation and in the held-out set, at each force limit.
     duration : float
-        Length of a crossing [s].
+        Length of an episode [s].
     periods : int or None
-        Whole periods at its end over which amplitudes are taken; None for the whole crossing, on a
+        Whole periods at its end over which amplitudes are taken; None for the whole episode, on a
         road that is not harmonic.
     seed : int
         Seed of the sets.
@@ -119,18 +113,9 @@ class Track:
     periods: int | None = 20
     seed: int = 3046
     metrics: tuple[str, ...] = (
-        "rho",
-        "x1",
-        "x2",
-        "percentage_error_x1",
-        "percentage_error_x2",
-        "reduction_db_x1",
-        "reduction_db_x2",
-        "peak_force_1",
-        "peak_force_2",
-        "rms_force_1",
-        "rms_force_2",
-        "settling_time",
+        *("rho", "x1", "x2", "percentage_error_x1", "percentage_error_x2"),
+        *("reduction_db_x1", "reduction_db_x2", "peak_force_1", "peak_force_2"),
+        *("rms_force_1", "rms_force_2", "settling_time"),
     )
 
     def __post_init__(self) -> None:
@@ -153,7 +138,7 @@ class Track:
             raise ValueError(
                 f"track {self.name!r} takes amplitudes over its last {self.periods} periods, but "
                 f"the road of scenario {self.nominal.name!r} is not harmonic and has none; give "
-                "periods=None for the largest of the whole crossing"
+                "periods=None for the largest of the whole episode"
             )
 
     @property
@@ -217,14 +202,16 @@ def episodes(
     uniforms: Array = np.zeros((n, 0))
     states = np.zeros((n, 4))
     if nominal.randomisation:
-        phases = endless * CIRCLE * rng.random(n)
-        uniforms = _hypercube(rng, n, max(FIRST_DRAWS, len(nominal.randomisation)))
+        phases = endless * starts.CIRCLE * rng.random(n)
+        columns = max(starts.FIRST_DRAWS, len(nominal.randomisation))
+        cell = np.argsort(rng.random((n, columns)), axis=0)
+        uniforms = (cell + rng.random((n, columns))) / n
     else:
         found = nominal.reference
-        amplitudes = Amplitudes(*found.start, *found.frequencies, *(0.0,) * 4)
-        motion = rng.random((n, MOTION_DRAWS))
-        phases = endless * CIRCLE * motion[:, 5]
-        states = np.array([drawn_motion(row, 0, amplitudes) for row in motion.tolist()])
+        amplitudes = starts.Reference(*found.start, *found.frequencies, *(0.0,) * 4)
+        motion = rng.random((n, starts.MOTION_DRAWS))
+        phases = endless * starts.CIRCLE * motion[:, 5]
+        states = np.array([starts.drawn_motion(row, 0, amplitudes) for row in motion.tolist()])
         states[0], phases[0] = 0.0, 0.0
     return tuple(
         Episode(
@@ -245,46 +232,38 @@ def stated(scenario: Scenario) -> Scales:
     return Scales(A1=A1, A2=A2, omega1=omega1, omega2=omega2, others=found.scales)
 
 
-def _hypercube(rng: np.random.Generator, n: int, columns: int) -> Array:
-    cell = np.argsort(rng.random((n, columns)), axis=0)
-    return (cell + rng.random((n, columns))) / n
-
-
-_TRACKS = (
-    Track(
-        name="paper",
-        version=1,
-        title="The paper's worst case at CNVC's own peak force",
-        scenario="paper",
-        force_scales=(1.0,),
-    ),
-    Track(
-        name="budget",
-        version=1,
-        title="The paper's worst case as the force limit shrinks",
-        scenario="paper",
-        force_scales=(1.0, 0.75, 0.5, 0.25, 0.1),
-    ),
-    Track(
-        name="feedback",
-        version=1,
-        title="The same, seeing the state alone: neither road nor external force",
-        scenario="paper",
-        force_scales=(1.0, 0.75, 0.5, 0.25, 0.1),
-        observe="feedback",
-    ),
-    Track(
-        name="randomised",
-        version=1,
-        title="Height, force, speed and masses drawn; a held-out set that nothing was tuned on",
-        scenario="paper-randomised",
-        force_scales=(1.0, 0.5, 0.25),
-        episodes=48,
-        duration=40.0,  # the transient is at 2e-4 of its size, far below the differences
-    ),
+_PAPER = Track(
+    name="paper",
+    version=1,
+    title="The paper's worst case at CNVC's own peak force",
+    scenario="paper",
+    force_scales=(1.0,),
+)
+_BUDGET = dataclasses.replace(
+    _PAPER,
+    name="budget",
+    title="The paper's worst case as the force limit shrinks",
+    force_scales=(1.0, 0.75, 0.5, 0.25, 0.1),
+)
+_FEEDBACK = dataclasses.replace(
+    _BUDGET,
+    name="feedback",
+    title="The same, seeing the state alone: neither road nor external force",
+    observe="feedback",
+)
+_RANDOMISED = Track(
+    name="randomised",
+    version=1,
+    title="Height, force, speed and masses drawn; a held-out set that nothing was tuned on",
+    scenario="paper-randomised",
+    force_scales=(1.0, 0.5, 0.25),
+    episodes=48,
+    duration=40.0,  # the transient is at 2e-4 of its size, far below the differences
 )
 
-TRACKS: Mapping[str, Track] = MappingProxyType({each.name: each for each in _TRACKS})
+TRACKS: Mapping[str, Track] = MappingProxyType(
+    {each.name: each for each in (_PAPER, _BUDGET, _FEEDBACK, _RANDOMISED)}
+)
 
 
 def track(name: str | Track) -> Track:

@@ -1,4 +1,7 @@
-"""Figures of the benchmark: the frontier, forces against velocity, histories, robustness."""
+"""Figures of the benchmark: the frontier, forces against velocity, histories, robustness.
+
+Each function draws into the axes, or the figure, that it is given first.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +18,12 @@ from qcar_env.plots.style import DOUBLE_COLUMN, Line, line
 
 Array = NDArray[np.float64]
 
+SIZE = (DOUBLE_COLUMN, 3.0)  # [in]
+TALL = (DOUBLE_COLUMN, 4.0)  # [in]
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
 ASIDE = 0.011  # [-] of the force limit between the marks of two policies
 DECADE = 10.0  # ratio of values from which an axis is logarithmic
+LIMIT_LABEL = "force limit over CNVC's own peak force [-]"
 SMALLEST = 1e-5  # [-] lower edge of logarithmic axes: stillness for any purpose
 
 # Policies that every figure may show, in this order, with one look each.
@@ -52,8 +58,6 @@ def frontier(
 
     Parameters
     ----------
-    ax : Axes
-        Where to draw.
     limits : array_like (k,)
         Force limits over the scenario's own [-], rising.
     policies : mapping of str to sequence of Interval or None
@@ -62,40 +66,26 @@ def frontier(
         Force limits of the frontier [-], rising.
     lower, upper : array_like (j,)
         The optimum's bracket at each of those [-]; below it nothing can be.
-
-    Returns
-    -------
-    Axes
     """
     s = np.asarray(limits, dtype=np.float64)
     at = np.asarray(optimum_limits, dtype=np.float64)
-    low = np.maximum(np.asarray(lower, dtype=np.float64), SMALLEST)
-    high = np.maximum(np.asarray(upper, dtype=np.float64), SMALLEST)
+    low, high = (np.maximum(each, SMALLEST) for each in (lower, upper))
     ax.fill_between(at, SMALLEST * 0.5, low, color="#EEEEEE", linewidth=0.0, zorder=0)
     ax.fill_between(at, low, high, color=look("optimum").color, alpha=0.5, linewidth=0.0)
     ax.plot(at, high, color=look("optimum").color, linewidth=1.6, label="optimum")
-    ax.text(
-        float(at[0] + 0.04 * (at[-1] - at[0])),
-        SMALLEST * 3.0,
-        "no force within\nthe limit leaves\nso little",
-        color="#666666",
-        fontsize=6.5,
-    )
+    words = "no force within\nthe limit leaves\nso little"
+    x = float(at[0] + 0.04 * (at[-1] - at[0]))
+    ax.text(x, SMALLEST * 3.0, words, color="#666666", fontsize=6.5)
     ran = {name: values for name, values in policies.items() if any(values)}
     for number, (name, values) in enumerate(ran.items()):
         style = look(name)
         there = [(x, v) for x, v in zip(s, values, strict=True) if v is not None]
         # Side by side, and not joined: a chord between two limits would cross the frontier.
         aside = (number - 0.5 * (len(ran) - 1)) * ASIDE
-        x = np.array([each[0] for each in there]) + aside
-        y = np.array([each[1].value for each in there])
-        error = np.array(
-            [[v.value - v.low for _, v in there], [v.high - v.value for _, v in there]]
-        )
         ax.errorbar(
-            x,
-            np.maximum(y, SMALLEST),
-            yerr=np.maximum(error, 0.0).tolist(),  # of a single array, Matplotlib 3.10 warns
+            [x + aside for x, _ in there],
+            [max(v.value, SMALLEST) for _, v in there],
+            yerr=_errors([v for _, v in there]),
             color=style.color,
             linestyle="none",
             marker=MARKERS[number % len(MARKERS)],
@@ -106,10 +96,17 @@ def frontier(
             label=style.label,
         )
     ax.set_yscale("log")
-    ax.set_ylim(SMALLEST * 0.5, 1.5)
-    ax.set_xlabel("force limit over CNVC's own peak force [-]")
-    ax.set_ylabel(r"vibration left, $\rho=\max_i a_i/A_i$ [-]")
+    ylabel = r"vibration left, $\rho=\max_i a_i/A_i$ [-]"
+    ax.set(ylim=(SMALLEST * 0.5, 1.5), xlabel=LIMIT_LABEL, ylabel=ylabel)
     return ax
+
+
+def _errors(
+    values: Sequence[Interval], factor: float = 1.0, over: float = 1.0
+) -> list[list[float]]:
+    """Return the lengths of error bars downward and upward; as lists: of arrays 3.10 warns."""
+    down = [max(factor * (each.value - each.low) / over, 0.0) for each in values]
+    return [down, [max(factor * (each.high - each.value) / over, 0.0) for each in values]]
 
 
 def over_optimum(
@@ -122,7 +119,7 @@ def over_optimum(
 
     Parameters
     ----------
-    ax, limits, policies
+    limits, policies
         See `frontier`.
     lower : sequence of float (k,)
         Lower bound of the optimum at each limit [-].
@@ -137,27 +134,21 @@ def over_optimum(
             if value is None:
                 continue
             excess = 100.0 * (value.value / lower[i] - 1.0)
-            error = [
-                [100.0 * (value.value - value.low) / lower[i]],
-                [100.0 * (value.high - value.value) / lower[i]],
-            ]
             ax.bar(
                 place + (number - 0.5 * (len(groups) - 1)) * width,
                 max(excess, 1e-3),
                 width * 0.9,
                 color=style.color,
-                yerr=np.maximum(error, 0.0).tolist(),  # of a single array, Matplotlib 3.10 warns
+                yerr=_errors([value], 100.0, lower[i]),
                 error_kw={"elinewidth": 0.6, "capsize": 1.2},
                 hatch="////" if style.linestyle != "-" else None,
                 edgecolor="white",
                 linewidth=0.3,
             )
     ax.set_yscale("log")
-    ax.set_ylim(0.03, 100.0)
     ax.set_xticks(range(len(kept)), [f"{limits[i]:g}" for i in kept])
     ax.grid(visible=False, axis="x")
-    ax.set_xlabel("force limit over CNVC's own peak force [-]")
-    ax.set_ylabel(r"$\rho$ above the optimum [%]")
+    ax.set(ylim=(0.03, 100.0), xlabel=LIMIT_LABEL, ylabel=r"$\rho$ above the optimum [%]")
     return ax
 
 
@@ -168,8 +159,6 @@ def force_against_velocity(
 
     Parameters
     ----------
-    ax : Axes
-        Where to draw.
     velocity, force : array_like (k,)
         Velocity of a mass [m/s] and the specific force that followed on it [m/s^2].
     name : str
@@ -178,15 +167,8 @@ def force_against_velocity(
         Force limit [m/s^2].
     """
     style = look(name)
-    ax.plot(
-        velocity,
-        force,
-        color=style.color,
-        linestyle="none",
-        marker=".",
-        markersize=2.5,
-        label=style.label,
-    )
+    dots: dict[str, Any] = {"linestyle": "none", "marker": ".", "markersize": 2.5}
+    ax.plot(velocity, force, color=style.color, label=style.label, **dots)
     for sign in (-1.0, 1.0):
         ax.axhline(sign * limit, color="#999999", linewidth=0.5, linestyle=(0, (1, 2)))
     return ax
@@ -202,63 +184,46 @@ def histories(
 
     Parameters
     ----------
-    figure : Figure
-        Where to draw; four panels are made.
     records : mapping of str to tuple
         ``(t, x, force)`` by policy: times (k,) [s], states (k, 4), forces (k, 2) [m/s^2].
     amplitudes : tuple of float
         Uncontrolled amplitudes [m], for the relative scale.
     limits : tuple of float
         Force limits [m/s^2].
-
-    Returns
-    -------
-    ndarray of Axes (2, 2)
     """
     axes = figure.subplots(2, 2, sharex=True)
     for name, (t, x, force) in records.items():
         style = look(name)
         time = 1e3 * (t - t[0])
         for mass in (0, 1):
-            axes[0, mass].plot(
-                time,
-                x[:, mass] / amplitudes[mass],
-                color=style.color,
-                linestyle=style.linestyle,
-                label=style.label,
-            )
+            axes[0, mass].plot(time, x[:, mass] / amplitudes[mass], **style._asdict())
             # The force at a sample was held over the interval before it.
             axes[1, mass].step(
                 time, force[:, mass] / limits[mass], where="pre", color=style.color, linewidth=0.8
             )
     for mass, word in enumerate(("wheel", "body")):
-        axes[0, mass].set_title(word)
-        axes[0, mass].set_ylabel(rf"$x_{mass + 1}/A_{mass + 1}$ [-]")
-        axes[1, mass].set_ylabel(rf"$u_{mass + 1}$ over its limit [-]")
-        axes[1, mass].set_xlabel("time [ms]")
-        axes[1, mass].set_ylim(-1.15, 1.15)
+        axes[0, mass].set(title=word, ylabel=rf"$x_{mass + 1}/A_{mass + 1}$ [-]")
+        ylabel = rf"$u_{mass + 1}$ over its limit [-]"
+        axes[1, mass].set(ylabel=ylabel, xlabel="time [ms]", ylim=(-1.15, 1.15))
     return axes
 
 
 def robustness(ax: Axes, policies: Mapping[str, ArrayLike], bound: ArrayLike) -> Axes:
-    """Draw the share of held-out crossings in which at most some vibration is left.
+    """Draw the share of held-out episodes in which at most some vibration is left.
 
     Parameters
     ----------
-    ax : Axes
-        Where to draw.
     policies : mapping of str to array_like (n,)
-        rho of every crossing by policy [-].
+        rho of every episode by policy [-].
     bound : array_like (n,)
-        Lower bound of the optimum in every crossing [-].
+        Lower bound of the optimum in every episode [-].
 
     Notes
     -----
-    The bands are the 95 % intervals of the share in all crossings of which these are a sample, at
+    The bands are the 95 % intervals of the share in all episodes of which these are a sample, at
     each abscissa by itself (see `qcar_env.evaluation.statistics.share_interval`).
     """
-    everything = {"optimum": bound, **policies}
-    for name, values in everything.items():
+    for name, values in {"optimum": bound, **policies}.items():
         style = look(name)
         ordered = np.sort(np.maximum(np.asarray(values, dtype=np.float64), SMALLEST))
         count = np.arange(len(ordered) + 1)
@@ -269,10 +234,8 @@ def robustness(ax: Axes, policies: Mapping[str, ArrayLike], bound: ArrayLike) ->
             edges,
             count / len(ordered),
             where="post",
-            color=style.color,
-            linestyle=style.linestyle,
+            **style._asdict(),
             linewidth=1.6 if name == "optimum" else 1.0,
-            label=style.label,
         )
     drawn = np.concatenate([np.asarray(ax_line.get_xdata()) for ax_line in ax.get_lines()])
     if float(drawn.max()) > DECADE * float(drawn.min()):
@@ -280,16 +243,3 @@ def robustness(ax: Axes, policies: Mapping[str, ArrayLike], bound: ArrayLike) ->
     ax.set_ylim(0.0, 1.02)
     ax.set_xlabel(r"vibration left, $\rho$ [-]")
     return ax
-
-
-def shared_legend(figure: Figure, axes: Sequence[Axes], *, columns: int = 4) -> None:
-    """Put one legend for all panels below the figure."""
-    entries: dict[str, Any] = {}
-    for ax in axes:
-        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
-            entries.setdefault(label, handle)
-    figure.legend(list(entries.values()), list(entries), loc="outside lower center", ncols=columns)
-
-
-SIZE = (DOUBLE_COLUMN, 3.0)  # [in]
-TALL = (DOUBLE_COLUMN, 4.0)  # [in]

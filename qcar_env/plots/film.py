@@ -37,42 +37,21 @@ RATES = (0.01, 1000.0)  # [1/s] frames a second that both kinds of file can say
 class Film:
     """What is filmed.
 
-    Parameters
-    ----------
-    entries : tuple of Entry
-        Who drives, from left to right.
-    scenario : Scenario
-        What is crossed.
-    force_scale : float
-        Force limit over the scenario's own [-].
-    duration : float
-        Simulated time [s].
-    start : {"steady", "rest"}
-        Begin in the steady motion without control, or at rest.
-    wait : float
-        Time before the policies begin to act [s].
-    slow : float
-        Seconds of film for a simulated second [-].
-    fps : float
-        Frames a second wanted; the film gets the nearest rate with whole control intervals.
-    size : tuple of int
-        Width and height of each car's frame [px].
-
     Raises
     ------
     ValueError
         If a number is out of range, or a steady start is asked for on a road that ends.
     """
 
-    entries: tuple[Entry, ...]
-    scenario: Scenario
-    force_scale: float
-    duration: float
-    start: str
-    wait: float
-    slow: float
-    fps: float
-    size: tuple[int, int]
+    entries: tuple[Entry, ...]  # who drives, from left to right
+    scenario: Scenario  # what is crossed
+    force_scale: float  # force limit over the scenario's own [-]
+    duration: float  # simulated time [s]
+    start: str  # "steady": in the steady motion without control, or at "rest"
+    wait: float  # time before the policies begin to act [s]
+    slow: float  # seconds of film for a simulated second [-]
+    fps: float  # frames a second wanted; the nearest rate with whole control intervals is taken
+    size: tuple[int, int]  # width and height of each car's frame [px]
 
     def __post_init__(self) -> None:
         """Check every number."""
@@ -116,20 +95,21 @@ class Film:
         return round(self.duration / self.scenario.dt) // self.stride + 1
 
 
-def frames(film: Film) -> Iterator[Frame]:
-    """Run all cars and yield their frames side by side, arrays (height, n * width, 3)."""
+def frames(film: Film, progress: Progress = lambda number, length: None) -> Iterator[Frame]:
+    """Run all cars and yield their frames side by side, arrays (height, n * width, 3).
+
+    After each one `progress` is told its number, and how many there are.
+    """
     note = "" if film.slow == 1.0 else f"{film.slow:g} x slow motion"
     painters = [Painter(film.size) for _ in film.entries]
     drives = [drive(each, film) for each in film.entries]
-    for envs in zip(*drives, strict=True):
+    for number, envs in enumerate(zip(*drives, strict=True), start=1):
         row: list[Frame] = []
-        for entry, painter, env in zip(film.entries, painters, envs, strict=True):
-            style = look(entry)
-            picture = dataclasses.replace(
-                env.picture(), name=style.label, colour=style.color, note=note
-            )
-            row.append(painter.draw(picture))
+        for style, painter, env in zip(map(look, film.entries), painters, envs, strict=True):
+            named = {"name": style.label, "colour": style.color, "note": note}
+            row.append(painter.draw(dataclasses.replace(env.picture(), **named)))
         yield np.concatenate(row, axis=1)
+        progress(number, film.length)
 
 
 def show(film: Film) -> None:
@@ -154,10 +134,7 @@ def write(film: Film, out: Path, progress: Progress = lambda number, length: Non
     known("film format", out.suffix, SUFFIXES)
     storage.check_file(out)
     with storage.replacing(out) as temporary:
-        if out.suffix == ".gif":
-            _write_gif(film, temporary, progress)
-        else:
-            _write_mp4(film, temporary, progress)
+        (_write_gif if out.suffix == ".gif" else _write_mp4)(film, temporary, progress)
 
 
 def _write_mp4(film: Film, path: Path, progress: Progress) -> None:
@@ -165,17 +142,13 @@ def _write_mp4(film: Film, path: Path, progress: Progress) -> None:
     with imageio.get_writer(
         path, format="FFMPEG", fps=film.rate, codec="libx264", quality=7, macro_block_size=2
     ) as writer:
-        for number, frame in enumerate(frames(film), start=1):
+        for frame in frames(film, progress):
             writer.append_data(frame)
-            progress(number, film.length)
 
 
 def _write_gif(film: Film, path: Path, progress: Progress) -> None:
     """Write one palette for all frames and no dither, so that what rests costs nothing."""
-    pictures: list[Image.Image] = []
-    for number, frame in enumerate(frames(film), start=1):
-        pictures.append(Image.fromarray(frame))
-        progress(number, film.length)
+    pictures = [Image.fromarray(frame) for frame in frames(film, progress)]
     samples = pictures[:: max(1, len(pictures) // 6)]
     together = Image.fromarray(np.concatenate([np.asarray(each) for each in samples]))
     palette = together.quantize(GIF_COLOURS, method=Image.Quantize.MEDIANCUT)

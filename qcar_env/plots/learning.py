@@ -16,19 +16,12 @@ LOWEST = 1e-5  # [-] level that still has a line in a figure
 
 
 def learning_curve(
-    axes: Axes,
-    x: ArrayLike,
-    curves: Sequence[ArrayLike],
-    *,
-    label: str,
-    colour: str,
+    axes: Axes, x: ArrayLike, curves: Sequence[ArrayLike], *, label: str, colour: str
 ) -> Axes:
-    """Draw the median over seeds of an amplitude with the range of all seeds.
+    """Draw the median over seeds of an amplitude with the range of all, on a logarithmic axis.
 
     Parameters
     ----------
-    axes : Axes
-        Where; its vertical axis becomes logarithmic.
     x : array_like (k,)
         Training time [s] or environment steps.
     curves : sequence of array_like (k,)
@@ -54,8 +47,6 @@ def reference_lines(axes: Axes, levels: Mapping[str, float]) -> Axes:
 
     Parameters
     ----------
-    axes : Axes
-        Where.
     levels : mapping
         Relative amplitude [-] by name; levels that are not positive have no place on a
         logarithmic axis and are left out.
@@ -64,14 +55,9 @@ def reference_lines(axes: Axes, levels: Mapping[str, float]) -> Axes:
         if level > 0.0:
             axes.axhline(level, color="0.4", linewidth=0.8, linestyle="--")
             axes.annotate(
-                name,
-                (1.0, level),
-                xycoords=("axes fraction", "data"),
-                ha="right",
-                va="bottom",
-                fontsize="small",
-                color="0.3",
-            )
+                name, (1.0, level), xycoords=("axes fraction", "data"), ha="right", va="bottom",
+                fontsize="small", color="0.3",
+            )  # fmt: skip
     return axes
 
 
@@ -89,8 +75,7 @@ def progress(curves: Mapping[str, ArrayLike], time: ArrayLike) -> Figure:
     axes = figure.subplots()
     for (name, curve), colour in zip(curves.items(), COLOURS, strict=False):
         learning_curve(axes, time, [curve], label=f"{name} / uncontrolled", colour=colour)
-    axes.set_xlabel("training time [s]")
-    axes.set_ylabel("relative amplitude [-]")
+    axes.set(xlabel="training time [s]", ylabel="relative amplitude [-]")
     axes.legend()
     return figure
 

@@ -183,30 +183,19 @@ def figure_12(subject: Subject) -> Made:
         return experiments.time_histories(subject.car, {"one": law}, duration=25.0)["one"]
 
     none = ("none", run(Passive()))
+    tried = (
+        {"PPF, G = 30": PPF(G1=30.0, G2=30.0), "PPF, G = 70": PPF(G1=70.0, G2=70.0)},
+        {"NDF, G = 1.2": NDF(), "CNVC, G = 0.5": CNVC(G1=0.5, G2=0.5), "CNVC, G = 1.2": CNVC()},
+        {"LNVC, G = 1.2": LNVC(), "PD, p = 30, d = 1.2": PD()},
+    )
     rows = [
-        {
-            "no control": none,
-            "PPF, G = 30": ("ppf", run(PPF(G1=30.0, G2=30.0))),
-            "PPF, G = 70": ("ppf", run(PPF(G1=70.0, G2=70.0))),
-        },
-        {
-            "no control": none,
-            "NDF, G = 1.2": ("ndf", run(NDF())),
-            "CNVC, G = 0.5": ("cnvc", run(CNVC(G1=0.5, G2=0.5))),
-            "CNVC, G = 1.2": ("cnvc", run(CNVC())),
-        },
-        {
-            "no control": none,
-            "LNVC, G = 1.2": ("lnvc", run(LNVC())),
-            "PD, p = 30, d = 1.2": ("pd", run(PD())),
-        },
+        {"no control": none, **{key: (law.name.lower(), run(law)) for key, law in row.items()}}
+        for row in tried
     ]
-    forces = {
-        name: (_steady(motion.u1), _steady(motion.u2))
-        for row in rows
-        for name, (_, motion) in row.items()
-    }
-    cubic, linear = forces["CNVC, G = 1.2"], forces["LNVC, G = 1.2"]
+    cubic, linear = (
+        (_steady(motion.u1), _steady(motion.u2))
+        for motion in (rows[1]["CNVC, G = 1.2"][1], rows[2]["LNVC, G = 1.2"][1])
+    )
     return paper_figures.law_comparison(rows, subject.period, 20.0), (
         "Largest displacement of each period, from rest, under (a) PPF at two gains, (b) "
         "CNVC and NDF, (c) LNVC and PD, the laws that the paper names but does not draw. The "

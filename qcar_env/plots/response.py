@@ -15,33 +15,15 @@ from qcar_env.analysis.paper.stability import FloquetComparison, StabilityMap
 
 Array = NDArray[np.float64]
 
-SYMBOLS = {
-    "a1": r"$a_1$",
-    "a2": r"$a_2$",
-    "sigma1": r"$\sigma_1$",
-    "sigma2": r"$\sigma_2$",
-    "omega": r"$\omega$",
-    "omega1": r"$\omega_1$",
-    "omega2": r"$\omega_2$",
-    "frequencies": r"$\omega = \omega_1 = \omega_2 = \Omega$",
-    "h": r"$h$",
-    "f": r"$f$",
-    "G": r"$G$",
-    "G1": r"$G_1$",
-    "G2": r"$G_2$",
-    "mu1": r"$\mu_1$",
-    "mu2": r"$\mu_2$",
-    "b1": r"$b_1$",
-    "b2": r"$b_2$",
-    "E1": r"$E_1$",
-    "E2": r"$E_2$",
-    "E3": r"$E_3$",
-}
-UNITS = {
-    "a1": "m", "a2": "m", "sigma1": "rad/s", "sigma2": "rad/s", "omega": "rad/s",
-    "omega1": "rad/s", "omega2": "rad/s", "frequencies": "rad/s", "h": "m", "f": "m/s²",
-    "G": "s/m²", "G1": "s/m²", "G2": "s/m²", "mu1": "1/s²", "mu2": "1/s", "b1": "1/s",
-    "b2": "1/s", "E1": "1/s²", "E2": "1/s", "E3": "1/s²",
+# Symbol and unit of what stands on an axis; the latter of velocity feedback for the gains.
+AXES = {
+    "a1": ("a_1", "m"), "a2": ("a_2", "m"), "sigma1": (r"\sigma_1", "rad/s"),
+    "sigma2": (r"\sigma_2", "rad/s"), "omega": (r"\omega", "rad/s"),
+    "omega1": (r"\omega_1", "rad/s"), "omega2": (r"\omega_2", "rad/s"),
+    "frequencies": (r"\omega = \omega_1 = \omega_2 = \Omega", "rad/s"), "h": ("h", "m"),
+    "f": ("f", "m/s²"), "G": ("G", "s/m²"), "G1": ("G_1", "s/m²"), "G2": ("G_2", "s/m²"),
+    "mu1": (r"\mu_1", "1/s²"), "mu2": (r"\mu_2", "1/s"), "b1": ("b_1", "1/s"),
+    "b2": ("b_2", "1/s"), "E1": ("E_1", "1/s²"), "E2": ("E_2", "1/s"), "E3": ("E_3", "1/s²"),
 }  # fmt: skip
 # Methods of an error plot: shades of grey and lines, since colours belong to laws.
 METHOD_LINES: dict[str, dict[str, Any]] = {
@@ -50,16 +32,17 @@ METHOD_LINES: dict[str, dict[str, Any]] = {
     "harmonic balance, 1 harmonic": {"color": "#555555", "linestyle": (0, (5, 2))},
     "harmonic balance, 9 harmonics": {"color": "#555555", "linestyle": (0, (3, 1, 1, 1))},
 }
+# Open circles, for what is simulated.
+MARKERS: dict[str, Any] = {
+    "marker": "o", "markersize": 3.2, "markerfacecolor": "none", "markeredgewidth": 0.8,
+    "linestyle": "none",
+}  # fmt: skip
 
 
 def axis_label(name: str) -> str:
     """Return symbol and unit of a parameter or amplitude, for an axis."""
-    return f"{SYMBOLS.get(name, name)} [{UNITS.get(name, '-')}]"
-
-
-def setting_label(name: str, value: float) -> str:
-    """Return ``symbol = value unit``, for a legend."""
-    return f"{SYMBOLS.get(name, name)} = {value:.4g} {UNITS.get(name, '')}".rstrip()
+    symbol, unit = AXES[name]
+    return f"${symbol}$ [{unit}]"
 
 
 def response_curve(
@@ -69,20 +52,12 @@ def response_curve(
 
     Parameters
     ----------
-    ax : Axes
-        Where to draw.
-    curve : Response
-        The curve.
-    amplitude : {"a1", "a2"}
-        Which amplitude [m].
+    ax, curve, amplitude
+        Where to draw which curve, and of which amplitude, ``"a1"`` or ``"a2"`` [m].
     label : str, optional
         Text of the legend.
     **style
         Line properties, such as `color`; not the line's style, which tells stability.
-
-    Returns
-    -------
-    Axes
     """
     values, heights = curve.values, getattr(curve, amplitude)
     edges = np.flatnonzero(np.diff(curve.stable.astype(int))) + 1
@@ -104,24 +79,12 @@ def response_curve(
 
 def points(ax: Axes, simulated: SimulatedPoints, amplitude: str, **style: Any) -> Axes:
     """Draw simulated amplitudes as open markers."""
-    properties: dict[str, Any] = {
-        "marker": "o", "markersize": 3.2, "markerfacecolor": "none", "markeredgewidth": 0.8,
-        "linestyle": "none",
-    }  # fmt: skip
-    ax.plot(simulated.values, getattr(simulated, amplitude), **{**properties, **style})
+    ax.plot(simulated.values, getattr(simulated, amplitude), **{**MARKERS, **style})
     return ax
 
 
 def errors(ax: Axes, found: Errors) -> Axes:
-    """Draw the error of each method against the detuning, on a logarithmic axis.
-
-    Parameters
-    ----------
-    ax : Axes
-        Where to draw.
-    found : Errors
-        Relative errors by method.
-    """
+    """Draw the error of each method against the detuning, on a logarithmic axis."""
     for name, values in found.errors.items():
         ax.semilogy(
             found.values, 100.0 * np.maximum(values, 1e-6), label=name, **METHOD_LINES[name]
@@ -132,15 +95,7 @@ def errors(ax: Axes, found: Errors) -> Axes:
 
 
 def stability_regions(ax: Axes, found: StabilityMap) -> Axes:
-    """Draw the growth rate over two parameters, with the border of stability as a thick line.
-
-    Parameters
-    ----------
-    ax : Axes
-        Where to draw.
-    found : StabilityMap
-        The map.
-    """
+    """Draw the growth rate over two parameters, with the border of stability as a thick line."""
     levels = MaxNLocator(10).tick_values(np.nanmin(found.growth), np.nanmax(found.growth))
     filled = ax.contourf(
         found.x_values, found.y_values, found.growth, levels=levels, cmap="Greys", alpha=0.8
@@ -159,21 +114,9 @@ def stability_regions(ax: Axes, found: StabilityMap) -> Axes:
 def growth_rates(ax: Axes, values: Array, found: FloquetComparison, **style: Any) -> Axes:
     """Draw averaged growth rates as a line and those of the full equations as markers.
 
-    Parameters
-    ----------
-    ax : Axes
-        Where to draw.
-    values : ndarray (n,)
-        Of the parameter along the axis.
-    found : FloquetComparison
-        The rates [1/s].
-    **style
-        Line properties.
+    Rates [1/s] are drawn against the values (n,) of a parameter, with any line properties.
     """
     label = style.pop("label", "")
     ax.plot(values, found.averaged, label=f"{label}, averaged", **style)
-    ax.plot(
-        values, found.exact, "o", markersize=3.2, markerfacecolor="none", markeredgewidth=0.8,
-        label=f"{label}, Floquet", **style,
-    )  # fmt: skip
+    ax.plot(values, found.exact, **MARKERS, label=f"{label}, Floquet", **style)
     return ax

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 
 from qcar_env.evaluation.benchmark import Outcome
 from qcar_env.evaluation.bounds import optimum
-from qcar_env.evaluation.standings import Standing
 from qcar_env.evaluation.statistics import Interval
 from qcar_env.evaluation.tracks import Track
 from qcar_env.plots import benchmark as plots
+from qcar_env.plots.style import shared_legend
 
 FRONTIER = 37  # force limits at which the frontier is drawn: every 0.025
 SHRINKING = ("budget", "feedback")  # tracks whose force limit shrinks
@@ -28,22 +28,19 @@ def figures(outcome: Outcome) -> Iterator[tuple[str, Figure]]:
     if "budget" in tracks:
         for scale in (1.0, 0.5):
             yield f"histories_budget_{scale:g}", _histories(outcome, tracks["budget"], scale)
-            yield (
-                f"force_velocity_budget_{scale:g}",
-                _force_velocity(outcome, tracks["budget"], scale),
-            )
+            figure = _force_velocity(outcome, tracks["budget"], scale)
+            yield f"force_velocity_budget_{scale:g}", figure
     if "randomised" in tracks:
         yield "robustness_randomised", _robustness(outcome, tracks["randomised"])
 
 
 def _frontier(outcome: Outcome, track: Track) -> Figure:
     limits = sorted(track.force_scales)
-    found = {(s.policy, s.track, s.force_scale): s.rho for s in outcome.standings}
+    found = [{each.policy: each.rho for each in outcome.ranked(track.name, s)} for s in limits]
     shown: dict[str, Sequence[Interval | None]] = {
-        policy: [found.get((policy, track.name, s)) for s in limits]
-        for policy in _shown(outcome, track.name)
+        policy: [each.get(policy) for each in found] for policy in _shown(outcome, track.name)
     }
-    best = [_best_learned(outcome, track.name, s) for s in limits]
+    best = [outcome.best_learned(track.name, s) for s in limits]
     if any(best):
         shown["learned"] = [each.rho if each else None for each in best]
     between = np.linspace(limits[0], limits[-1], FRONTIER)
@@ -60,7 +57,7 @@ def _frontier(outcome: Outcome, track: Track) -> Figure:
     )
     lower = [min(b.lower for b in outcome.bounds[(track.name, s)]) for s in limits]
     plots.over_optimum(axes[1], limits, shown, lower)
-    plots.shared_legend(figure, axes)
+    shared_legend(figure, axes)
     return figure
 
 
@@ -68,25 +65,22 @@ def _robustness(outcome: Outcome, track: Track) -> Figure:
     figure = plt.figure(figsize=plots.SIZE)
     axes = figure.subplots(1, len(track.force_scales), sharey=True, squeeze=False)[0]
     for ax, scale in zip(axes, track.force_scales, strict=True):
-        rho: dict[str, list[float]] = {}
-        for row in outcome.rows:
-            if (row.track, row.force_scale) == (track.name, scale):
-                rho.setdefault(row.policy, []).append(row.rho)
+        rho = outcome.by_policy(track.name, scale)
         shown = {name: rho[name] for name in _shown(outcome, track.name) if name in rho}
-        best = _best_learned(outcome, track.name, scale)
+        best = outcome.best_learned(track.name, scale)
         if best:
             shown["learned"] = rho[best.policy]
         lower = [each.lower for each in outcome.bounds[(track.name, scale)]]
         plots.robustness(ax, shown, lower)
         ax.set_title(f"force limit x {scale:g}")
-    axes[0].set_ylabel("share of held-out crossings [-]")
-    plots.shared_legend(figure, axes)
+    axes[0].set_ylabel("share of held-out episodes [-]")
+    shared_legend(figure, axes)
     return figure
 
 
 def _histories(outcome: Outcome, track: Track, scale: float) -> Figure:
     nominal = track.at(scale)
-    best = _best_learned(outcome, track.name, scale)
+    best = outcome.best_learned(track.name, scale)
     chosen = {name: name for name in ("cnvc", "lnvc (tuned)", "state (tuned)", "mpc")}
     if best:
         chosen["learned"] = best.policy
@@ -99,12 +93,12 @@ def _histories(outcome: Outcome, track: Track, scale: float) -> Figure:
     figure = plt.figure(figsize=plots.TALL)
     limits = nominal.actuator.limit
     axes = plots.histories(figure, records, nominal.reference_amplitudes, (limits[0], limits[1]))
-    plots.shared_legend(figure, list(axes.ravel()))
+    shared_legend(figure, list(axes.ravel()))
     return figure
 
 
 def _force_velocity(outcome: Outcome, track: Track, scale: float) -> Figure:
-    best = _best_learned(outcome, track.name, scale)
+    best = outcome.best_learned(track.name, scale)
     second = {"learned": best.policy} if best else {"state (tuned)": "state (tuned)"}
     limits = track.at(scale).actuator.limit
     figure = plt.figure(figsize=plots.SIZE)
@@ -117,24 +111,14 @@ def _force_velocity(outcome: Outcome, track: Track, scale: float) -> Figure:
             # Seen at a sample; the force of the next row followed.
             velocity, force = found.x[:-1, 2 + mass], found.force[1:, mass]
             plots.force_against_velocity(ax, velocity, force, look, limit=limits[mass])
-        ax.set_title(word)
-        ax.set_xlabel(rf"$v_{mass + 1}$ [m/s]")
-        ax.set_ylabel(rf"$u_{mass + 1}$ [m/s$^2$]")
-    plots.shared_legend(figure, axes)
+        xlabel, ylabel = rf"$v_{mass + 1}$ [m/s]", rf"$u_{mass + 1}$ [m/s$^2$]"
+        ax.set(title=word, xlabel=xlabel, ylabel=ylabel)
+    shared_legend(figure, axes)
     return figure
 
 
 def _shown(outcome: Outcome, track: str) -> list[str]:
     """Return the policies that figures show: those with a look of their own, and the user's."""
-    there = {row.policy for row in outcome.rows if row.track == track}
-    mine = {row.policy for row in outcome.rows if row.track == track and row.kind == "yours"}
-    return [name for name in plots.LOOKS if name in there] + sorted(mine)
-
-
-def _best_learned(outcome: Outcome, track: str, scale: float) -> Standing | None:
-    entered = [
-        each
-        for each in outcome.standings
-        if each.kind == "learned" and (each.track, each.force_scale) == (track, scale)
-    ]
-    return min(entered, key=lambda each: (each.rho.value, each.policy), default=None)
+    there = {row.policy: row.kind for row in outcome.rows if row.track == track}
+    mine = sorted(name for name, kind in there.items() if kind == "yours")
+    return [name for name in plots.LOOKS if name in there] + mine

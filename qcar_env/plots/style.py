@@ -6,7 +6,7 @@ readers; each law also has its own line, so that a grey print can be read.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
@@ -14,7 +14,9 @@ from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from qcar_env.evaluation import storage
 
@@ -46,8 +48,8 @@ LINES: Mapping[str, Line] = MappingProxyType(
 # Laws beyond the paper's, in the order in which they are drawn.
 OTHERS = ("#882255", "#44AA99", "#999933", "#AA4499", "#332288", "#117733", "#661100", "#DDCC77")
 
-SINGLE_COLUMN = 3.5  # [in] width of a figure in one column of a journal
-DOUBLE_COLUMN = 7.2  # [in] width over both columns
+MASSES = (("x_1", "wheel"), ("x_2", "body"))  # symbol and name of each displacement
+DOUBLE_COLUMN = 7.2  # [in] width of a figure over both columns of a journal
 
 SETTINGS: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -86,6 +88,26 @@ def line(law: str) -> Line:
         if known in LINES:
             return LINES[known]
     return Line(OTHERS[sum(key.encode()) % len(OTHERS)], "-", law)
+
+
+def shared_legend(figure: Any, axes: Iterable[Axes], *, place: str = "lower") -> None:
+    """Put one legend for all panels above (`place` ``"upper"``) or below the figure."""
+    entries: dict[str, Any] = {}
+    for ax in axes:
+        for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    columns = 4
+    if place == "upper":
+        columns = -(-len(entries) // 2) if sum(map(len, entries)) > 80 else len(entries)
+    where = f"outside {place} center"
+    figure.legend(list(entries.values()), list(entries), loc=where, ncols=columns)
+
+
+def log_ticks(ax: Axes, subs: tuple[float, ...] = (1.0, 2.0, 5.0)) -> None:
+    """Write the values at these multiples of the powers of ten on a logarithmic vertical axis."""
+    ax.yaxis.set_major_locator(LogLocator(subs=subs))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())
 
 
 def save(figure: Figure, path: Path) -> None:

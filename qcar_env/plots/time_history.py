@@ -8,32 +8,14 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from qcar_env.evaluation.comparison import Comparison
-from qcar_env.plots.style import DOUBLE_COLUMN, line
+from qcar_env.plots.style import DOUBLE_COLUMN, MASSES, line, log_ticks
 
 Array = NDArray[np.float64]
 
 SHOWN = 10.0  # [s] of the time histories
-
-
-def displacement(ax: Axes, t: Array, x: Array, law: str) -> Axes:
-    """Draw a displacement against time.
-
-    Parameters
-    ----------
-    ax : Axes
-        Where to draw.
-    t, x : ndarray (k,)
-        Time [s] and displacement [m].
-    law : str
-        Name of the law, for its colour.
-    """
-    color = "#BBBBBB" if law == "none" else line(law).color
-    ax.plot(t, x, color=color, linewidth=0.5, rasterized=True)
-    return ax
 
 
 def envelope(ax: Axes, t: Array, x: Array, period: float, law: str) -> Axes:
@@ -41,25 +23,20 @@ def envelope(ax: Axes, t: Array, x: Array, period: float, law: str) -> Axes:
 
     Parameters
     ----------
-    ax : Axes
-        Where to draw.
+    ax, law
+        Where to draw, and in whose colour.
     t, x : ndarray (k,)
         Evenly spaced times [s] and displacement [m].
     period : float
         Period of the motion [s].
-    law : str
-        Name of the law, for its colour.
     """
     per_period = max(1, round(period / (t[1] - t[0])))
     count = len(t) // per_period
     peaks = np.abs(x[: count * per_period]).reshape(count, per_period).max(axis=1)
     middles = t[: count * per_period].reshape(count, per_period).mean(axis=1)
-    style = line(law)
-    ax.semilogy(middles, peaks, color=style.color, linestyle=style.linestyle, label=style.label)
+    ax.semilogy(middles, peaks, **line(law)._asdict())
     low, high = ax.get_ylim()
-    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,)))
-    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    ax.yaxis.set_minor_formatter(NullFormatter())
+    log_ticks(ax, (1.0, 2.0, 5.0) if high < 200.0 * low else (1.0,))
     return ax
 
 
@@ -87,11 +64,17 @@ def comparison(found: Comparison) -> Figure | None:
     upper, lower = parts
     axes = upper.subplots(2, max(1, len(laws)), sharex=True, sharey="row", squeeze=False)
     window = t <= min(SHOWN, float(t[-1]))
-    for row, (symbol, mass) in enumerate((("x_1", "wheel"), ("x_2", "body"))):
+
+    def displacement(ax: Axes, law: str, row: int) -> None:
+        color = "#BBBBBB" if law == "none" else line(law).color
+        x = histories[law][row][window]
+        ax.plot(t[window], x, color=color, linewidth=0.5, rasterized=True)
+
+    for row, (symbol, mass) in enumerate(MASSES):
         for ax, law in zip(axes[row], laws, strict=False):
             if "none" in histories:
-                displacement(ax, t[window], histories["none"][row][window], "none")
-            displacement(ax, t[window], histories[law][row][window], law)
+                displacement(ax, "none", row)
+            displacement(ax, law, row)
             ax.grid(False)
             if row == 0:
                 ax.set_title(line(law).label, color=line(law).color)
@@ -99,13 +82,11 @@ def comparison(found: Comparison) -> Figure | None:
                 ax.set_xlabel("$t$ [s]")
         axes[row][0].set_ylabel(f"${symbol}$ ({mass}) [m]")
     envelopes = lower.subplots(1, 2)
-    for row, (symbol, mass) in enumerate((("x_1", "wheel"), ("x_2", "body"))):
-        ax = envelopes[row]
+    for row, (ax, (symbol, mass)) in enumerate(zip(envelopes, MASSES, strict=True)):
         for law, history in histories.items():
             envelope(ax, t, history[row], period, law)
-        ax.set_xlabel("$t$ [s]")
-        ax.set_ylabel(f"peak of ${symbol}$ ({mass}) [m]")
-        ax.set_xlim(0.0, float(t[-1]))
+        ylabel = f"peak of ${symbol}$ ({mass}) [m]"
+        ax.set(xlabel="$t$ [s]", ylabel=ylabel, xlim=(0.0, float(t[-1])))
     handles, labels = envelopes[0].get_legend_handles_labels()
     lower.legend(handles, labels, loc="outside upper center", ncols=len(labels))
     return figure

@@ -19,7 +19,17 @@ from qcar_env.evaluation.comparison import START, Comparison
 from qcar_env.evaluation.outcome import Outcome
 from qcar_env.physics.car import PaperCar
 from qcar_env.plots.style import line
-from qcar_env.report.content import Chart, Column, Curve, Report, Table, dash, history, parameters
+from qcar_env.report.content import (
+    Chart,
+    Report,
+    Table,
+    curve,
+    history,
+    number,
+    parameters,
+    raised,
+    words,
+)
 from qcar_env.report.page import write
 from qcar_env.scenarios import Scenario
 
@@ -64,14 +74,12 @@ def comparison(found: Comparison, provenance: Mapping[str, str]) -> Report:
         title=f"Comparison in the scenario {scenario.name}",
         lead=(
             f"{scenario.title}. Every policy acts each {scenario.dt * 1e3:g} ms with at most "
-            f"{limits} {unit.replace('^2', '²')}, {found.duration:g} s from rest."
+            f"{limits} {raised(unit)}, {found.duration:g} s from rest."
         ),
         findings=_findings(outcomes, optimum),
         tables=tuple(tables),
         charts=tuple(charts),
-        histories=tuple(
-            history(name, each, label=line(name).label) for name, each in found.rollouts.items()
-        ),
+        histories=tuple(history(name, each) for name, each in found.rollouts.items()),
         force_unit=unit,
         parameters=parameters(scenario),
         provenance=provenance,
@@ -81,22 +89,20 @@ def comparison(found: Comparison, provenance: Mapping[str, str]) -> Report:
 
 def _leaderboard(outcomes: Sequence[Outcome], unit: str) -> Table:
     forces = ("wheel", "body") if len(outcomes[0].peak_force) == 2 else ("",)
-    unit = unit.replace("^2", "²")
+    largest = "largest displacement of the {}, last five periods"
+    papers = "the paper's (vA1 - vA2) / vA2"
     columns = [
-        Column(title="policy", numeric=False),
-        Column(
-            title="rho",
-            digits=3,
-            note="the larger of the two amplitudes over those without control",
+        *words("policy"),
+        number("rho", "", 3, "the larger of the two amplitudes over those without control"),
+        number("x1", "m", note=largest.format("wheel")),
+        number("x2", "m", note=largest.format("body")),
+        *(number(each, "dB", 3, "relative to no control") for each in ("x1", "x2")),
+        *(number(f"error {each}", "%", 3, papers) for each in ("x1", "x2")),
+        *(
+            number(f"{kind} force {each}".strip(), raised(unit), 3)
+            for kind in ("peak", "RMS")
+            for each in forces
         ),
-        Column(title="x1", unit="m", note="largest displacement of the wheel, last five periods"),
-        Column(title="x2", unit="m", note="largest displacement of the body, last five periods"),
-        Column(title="x1", unit="dB", digits=3, note="relative to no control"),
-        Column(title="x2", unit="dB", digits=3, note="relative to no control"),
-        Column(title="error x1", unit="%", digits=3, note="the paper's (vA1 - vA2) / vA2"),
-        Column(title="error x2", unit="%", digits=3, note="the paper's (vA1 - vA2) / vA2"),
-        *(Column(title=f"peak force {each}".strip(), unit=unit, digits=3) for each in forces),
-        *(Column(title=f"RMS force {each}".strip(), unit=unit, digits=3) for each in forces),
     ]
     ranked = sorted(outcomes, key=lambda each: each.rho)
     rows = [
@@ -127,25 +133,19 @@ def _paper_table(cells: Sequence[Cell]) -> Table:
         "controlled) / controlled. The last column is the ratio of no control to controlled, ours "
         "over the paper's.",
         columns=(
-            Column(title="law", numeric=False),
-            Column(title="G", digits=2),
-            Column(title="mass", numeric=False),
-            Column(title="no control", unit="m"),
-            Column(title="controlled", unit="m"),
-            Column(title="error", unit="%"),
-            Column(title="the paper's error", unit="%"),
-            Column(title="agreement", digits=3),
+            *words("law"),
+            number("G", digits=2),
+            *words("mass"),
+            number("no control", "m"),
+            number("controlled", "m"),
+            number("error", "%"),
+            number("the paper's error", "%"),
+            number("agreement", digits=3),
         ),
         rows=tuple(
             (
-                cell.law,
-                cell.gain,
-                f"x{cell.mass}",
-                cell.uncontrolled,
-                cell.controlled,
-                cell.percentage_error,
-                cell.printed,
-                cell.agreement,
+                *(cell.law, cell.gain, f"x{cell.mass}", cell.uncontrolled, cell.controlled),
+                *(cell.percentage_error, cell.printed, cell.agreement),
             )
             for cell in cells
         ),
@@ -156,31 +156,14 @@ def _paper_table(cells: Sequence[Cell]) -> Table:
 def _frontier(scenario: Scenario, outcomes: Sequence[Outcome]) -> tuple[Chart, float]:
     """Return the policies over the force that they used, above what any force can reach."""
     best = [period_optimum(scenario.with_force_scale(scale)).rho for scale in SCALES]
-    curves = [
-        Curve(
-            label="optimum: no policy can be below",
-            x=100.0 * np.array((0.0, *SCALES)),
-            y=np.array((1.0, *best)),
-            colour=line("optimum").color,
-            dash=dash("optimum"),
-            mode="lines+markers",
-        )
-    ]
+    x, y = 100.0 * np.array((0.0, *SCALES)), (1.0, *best)
+    label = "optimum: no policy can be below"
+    curves = [curve(line("optimum"), x, y, label=label, mode="lines+markers")]
     for each in outcomes:
-        used = [
-            peak / limit
-            for peak, limit in zip(each.peak_force, scenario.actuator.limit, strict=True)
-        ]
+        shares = zip(each.peak_force, scenario.actuator.limit, strict=True)
+        used = 100.0 * max(peak / limit for peak, limit in shares)
         style = line(each.policy)
-        curves.append(
-            Curve(
-                label=style.label,
-                x=np.array([100.0 * max(used)]),
-                y=np.array([each.rho]),
-                colour=style.color,
-                mode="markers",
-            )
-        )
+        curves.append(curve(style, [used], [each.rho], mode="markers", dash="solid"))
     chart = Chart(
         title="Amplitude against force",
         note="The dashed line is the least vibration that any force within so much of the limit "
@@ -218,14 +201,7 @@ def _responses(scenario: Scenario, laws: Mapping[str, Law]) -> list[Chart]:
             y_label=f"amplitude of x{row + 1}, {mass} [m]",
             logarithmic=True,
             curves=tuple(
-                Curve(
-                    label=line(name).label,
-                    x=omega,
-                    y=amplitudes[row],
-                    colour=line(name).color,
-                    dash=dash(name),
-                )
-                for name, amplitudes in found.items()
+                curve(line(name), omega, amplitudes[row]) for name, amplitudes in found.items()
             ),
         )
         for row, mass in enumerate(("wheel", "body"))
@@ -251,11 +227,10 @@ def _findings(outcomes: Sequence[Outcome], optimum: float | None) -> tuple[str, 
         )
     gentle = min(ranked, key=lambda each: max(each.peak_force) if each.rho < 0.999 else np.inf)
     if gentle is not best and gentle.rho < 0.999:
-        forces = " / ".join(f"{value:.3g}" for value in gentle.peak_force)
+        small, large = (" / ".join(f"{v:.3g}" for v in e.peak_force) for e in (gentle, best))
         found.append(
             f"The laws use very different forces at these gains: {line(gentle.policy).label} "
-            f"peaks at {forces}, "
-            f"{line(best.policy).label} at {' / '.join(f'{v:.3g}' for v in best.peak_force)}."
+            f"peaks at {small}, {line(best.policy).label} at {large}."
         )
     return tuple(found)
 

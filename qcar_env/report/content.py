@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from qcar_env.evaluation.rollouts import Rollout
 from qcar_env.parts.part import UNLIMITED, Part
 from qcar_env.physics.linear import modes
-from qcar_env.plots.style import line
+from qcar_env.plots.style import Line, line
 from qcar_env.scenarios import Scenario
 
 Array = NDArray[np.float64]
@@ -39,6 +39,16 @@ class Column:
     numeric: bool = True
     exact: bool = False  # as few digits as the number needs, for parameters
     note: str = ""  # explains it, on hover and for screen readers
+
+
+def words(*titles: str, note: str = "") -> list[Column]:
+    """Return columns of text."""
+    return [Column(title=each, numeric=False, note=note) for each in titles]
+
+
+def number(title: str, unit: str = "", digits: int = 4, note: str = "") -> Column:
+    """Return a column of numbers."""
+    return Column(title=title, unit=unit, digits=digits, note=note)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,47 +127,36 @@ class Report:
     parts: tuple[str, ...] = ("first", "whole", "last")  # of the histories that are there
 
 
-def dash(law: str) -> str:
-    """Return the dash pattern of a law's line in the words of plotly."""
-    return dashes(line(law).linestyle)
-
-
-def dashes(style: str | tuple[int, tuple[int, ...]]) -> str:
-    """Return matplotlib's line style in the words of plotly."""
-    if isinstance(style, str):
-        return DASHES[style]
+def dashes(style: Line) -> str:
+    """Return how a line is dashed in the words of plotly."""
+    if isinstance(style.linestyle, str):
+        return DASHES[style.linestyle]
     # plotly's dashes are in pixels, matplotlib's in line widths of about a pixel and a half.
-    return ",".join(f"{round(1.6 * part)}px" for part in style[1])
+    return ",".join(f"{round(1.6 * part)}px" for part in style.linestyle[1])
 
 
-def history(law: str, rollout: Rollout, *, label: str | None = None, group: str = "") -> History:
-    """Thin a rollout for a page.
+def curve(
+    style: Line, x: ArrayLike, y: ArrayLike, *, label: str = "", dash: str = "", **more: Any
+) -> Curve:
+    """Return a curve in a style, with its label and dash if none are given."""
+    return Curve(
+        **more,
+        label=label or style.label,
+        dash=dash or dashes(style),
+        x=np.asarray(x, dtype=np.float64),
+        y=np.asarray(y, dtype=np.float64),
+        colour=style.color,
+    )
 
-    Parameters
-    ----------
-    law : str
-        Name of the policy, for its colour.
-    rollout : Rollout
-        The time histories.
-    label : str, optional
-        What it is called; the law's label if left out.
-    group : str
-        Which histories are shown together.
 
-    Returns
-    -------
-    History
-    """
-    style = line(law)
+def history(law: str, rollout: Rollout) -> History:
+    """Thin the rollout of a law for a page."""
     return thinned(
         rollout.t,
         np.column_stack([rollout.x1, rollout.x2, rollout.v1, rollout.v2]),
         rollout.force,
+        line(law),
         period=2.0 * np.pi / rollout.scenario.reference_frequency,
-        label=style.label if label is None else label,
-        colour=style.color,
-        dash=dash(law),
-        group=group,
     )
 
 
@@ -165,11 +164,9 @@ def thinned(
     t: Array,
     x: Array,
     force: Array,
+    style: Line,
     *,
     period: float,
-    label: str,
-    colour: str,
-    dash: str,
     group: str = "",
     first: float = FIRST,
 ) -> History:
@@ -183,16 +180,14 @@ def thinned(
         States [m, m, m/s, m/s].
     force : ndarray (k, m)
         Force held until each time [m/s^2] or [N].
+    style : Line
+        Label, colour and line.
     period : float
         Of the motion [s].
-    label, colour, dash, group
+    group : str
         See `History`.
     first : float
         What is kept of the beginning, sample by sample [s].
-
-    Returns
-    -------
-    History
     """
     dt = float(t[1] - t[0])
     everything = np.column_stack([x, force])
@@ -201,9 +196,9 @@ def thinned(
     blocks = everything[: whole * per_period, :2].reshape(whole, -1, 2)
     last = min(len(t), PERIODS * per_period + 1)
     return History(
-        label=label,
-        colour=colour,
-        dash=dash,
+        label=style.label,
+        colour=style.color,
+        dash=dashes(style),
         group=group,
         dt=dt,
         first=everything[: round(first / dt)],
@@ -228,17 +223,19 @@ def parameters(scenario: Scenario) -> Table:
         rows.append(("its frequency", "Omega", force.Omega, "rad/s"))
     rows.append(("actuator", "", type(actuator).__name__, ""))
     rows += _numbers(actuator)
-    for number, mode in enumerate(modes(car) if car.linear else (), start=1):
-        rows.append((f"mode {number}, frequency", "", mode.frequency, "rad/s"))
-        rows.append((f"mode {number}, damping ratio", "", mode.damping_ratio, ""))
+    for count, mode in enumerate(modes(car) if car.linear else (), start=1):
+        rows.append((f"mode {count}, frequency", "", mode.frequency, "rad/s"))
+        rows.append((f"mode {count}, damping ratio", "", mode.damping_ratio, ""))
     for symbol, mass, value in zip(
         ("A1", "A2"), ("wheel", "body"), scenario.reference_amplitudes, strict=True
     ):
         rows.append((f"amplitude without control, {mass}", symbol, value, "m"))
-    rows.append(("control interval", "dt", scenario.dt, "s"))
-    rows.append(("RK4 steps in it", "substeps", scenario.substeps, ""))
-    rows.append(("episode", "duration", scenario.duration, "s"))
-    rows.append(("travel that ends it", "travel_limit", scenario.travel_limit, "A"))
+    rows += [
+        ("control interval", "dt", scenario.dt, "s"),
+        ("RK4 steps in it", "substeps", scenario.substeps, ""),
+        ("episode", "duration", scenario.duration, "s"),
+        ("travel that ends it", "travel_limit", scenario.travel_limit, "A"),
+    ]
     for each in scenario.randomisation:
         numbers = " ".join(f"{value:g}" for value in each.by.row[1:])
         rows.append((f"drawn: {', '.join(each.numbers)}", type(each.by).__name__, numbers, ""))
@@ -246,10 +243,9 @@ def parameters(scenario: Scenario) -> Table:
         title=f"Scenario {scenario.name}",
         note=f"{scenario.title}. Source: {scenario.source}.",
         columns=(
-            Column(title="what", numeric=False),
-            Column(title="symbol", numeric=False),
+            *words("what", "symbol"),
             Column(title="value", digits=5, exact=True),
-            Column(title="unit", numeric=False),
+            *words("unit"),
         ),
         rows=tuple(rows),
     )
@@ -273,21 +269,17 @@ def _numbers(part: Any, home: str = "") -> Iterator[tuple[Cell, ...]]:
     for each in dataclasses.fields(part):
         value, unit = getattr(part, each.name), each.metadata.get("unit", "")
         if isinstance(value, Part):
-            kind = type(value).__name__
-            yield f"{each.name}", "", kind, ""
+            yield each.name, "", type(value).__name__, ""
             yield from _numbers(value, f"{home}{each.name}.")
         elif isinstance(value, tuple):
-            for number, entry in enumerate(value[:MOST_ENTRIES], start=1):
-                yield (
-                    f"{each.metadata.get('title', '')} {number}",
-                    home + each.name,
-                    entry,
-                    _raised(unit),
-                )
+            title = each.metadata.get("title", "")
+            for count, entry in enumerate(value[:MOST_ENTRIES], start=1):
+                yield f"{title} {count}", home + each.name, entry, raised(unit)
         elif isinstance(value, float) and value < UNLIMITED:
             title = each.metadata.get("title") or PAPER_WORDS.get(each.name, each.name)
-            yield title, home + each.name, value, _raised(unit.replace("-", ""))
+            yield title, home + each.name, value, raised(unit.replace("-", ""))
 
 
-def _raised(unit: str) -> str:
+def raised(unit: str) -> str:
+    """Return a unit with its powers raised."""
     return unit.replace("^2", "²").replace("^3", "³")

@@ -12,7 +12,7 @@ from qcar_env.analysis.paper.experiments import trends, with_law
 from qcar_env.analysis.paper.forced_car import from_scenario
 from qcar_env.analysis.paper.table1 import PRINTED, table1
 from qcar_env.control import CNVC
-from qcar_env.evaluation.tables import markdown
+from qcar_env.evaluation.tables import markdown, table1_row
 from qcar_env.scenarios import Scenario
 
 LIMITS = (1, 5, 10, 20)  # [rad/s] of |sigma| in the table of errors
@@ -55,7 +55,12 @@ def page(preset: Scenario, say: Callable[[str], None] = lambda text: None) -> st
     say("calibration ...")
     sections.append(_calibration(preset))
     say("trends and claims ...")
-    sections += [_trends(preset), _claims(preset), _accuracy(preset), _errata(), _unstated()]
+    errata = "equation | what is wrong | shown by"
+    sections += [
+        *(each(preset) for each in (_trends, _claims, _accuracy)),
+        _section("Errata of the printed paper", "", errata, ERRATA),
+        _section("What the paper leaves unstated", "", "unstated | here", UNSTATED),
+    ]
     return "\n".join(sections)
 
 
@@ -77,12 +82,9 @@ def _table1(preset: Scenario) -> str:
     cells = table1(preset)
     printed = [error for row in PRINTED for error in row.absolute_error]  # in the cells' order
     rows = [
-        (
-            cell.law, f"{cell.gain:g}", f"x{cell.mass}", f"{error:.3f}",
-            f"{cell.absolute_error:.3f}", f"{cell.printed:g} %", f"{cell.percentage_error:.0f} %",
-            f"{100 * (cell.agreement - 1):+.0f} %",
-        )
-        for cell, error in zip(cells, printed, strict=True)
+        (*row[:3], f"{error:.3f}", row[5], f"{row[7]} %", f"{row[6]} %",
+         f"{100 * (cell.agreement - 1):+.0f} %")
+        for cell, error, row in zip(cells, printed, map(table1_row, cells), strict=True)
     ]  # fmt: skip
     worst = max(abs(cell.agreement - 1.0) for cell in cells)
     return _section(
@@ -90,12 +92,10 @@ def _table1(preset: Scenario) -> str:
         f"Uncontrolled amplitudes here {cells[0].uncontrolled:.3f} m (x1) and "
         f"{cells[1].uncontrolled:.3f} m (x2). The last column compares the ratios vA1/vA2, which "
         f"the percentages stand for; they agree within {100 * worst:.0f} %.",
-        (
-            "law", "G", "mass", "absolute error, paper [m]", "ours [m]", "percentage error, paper",
-            "ours", "ratio vA1/vA2, ours against paper",
-        ),
+        "law | G | mass | absolute error, paper [m] | ours [m] | percentage error, paper | ours | "
+        "ratio vA1/vA2, ours against paper",
         rows,
-    )  # fmt: skip
+    )
 
 
 def _calibration(preset: Scenario) -> str:
@@ -126,14 +126,11 @@ def _calibration(preset: Scenario) -> str:
         f"sees some directions: moving by a factor e along {weights} changes all fourteen numbers "
         f"together by {flat.sensitivity:.3f}. h, mu1 and mu2 enter only as the products mu1 h and "
         "mu2 h. Refits with the frequency held, E1 and E3 free as well:",
-        (
-            "omega [rad/s]", "rms residual", "worst cell", "b1 [1/s]", "b2 [1/s]", "E2 [1/s]",
-            "f [m/s²]",
-        ),
+        "omega [rad/s] | rms residual | worst cell | b1 [1/s] | b2 [1/s] | E2 [1/s] | f [m/s²]",
         rows,
         "Many parameter sets match the table. 55 rad/s was chosen near the likely car of the "
         "paper's reference 6, sqrt((k1 + k2)/m1) = 53 rad/s.",
-    )  # fmt: skip
+    )
 
 
 def _trends(preset: Scenario) -> str:
@@ -158,7 +155,7 @@ def _trends(preset: Scenario) -> str:
         f"together (omega_i = omega + sigma_i). {counts['holds']} hold, {counts['negligible']} "
         f"concern a negligible change ({against} of them with the opposite sign), "
         f"{counts['contradicts']} are contradicted.",
-        ("figure", "curve", "parameter", "paper", "ours", "verdict"),
+        "figure | curve | parameter | paper | ours | verdict",
         rows,
     )
 
@@ -168,9 +165,7 @@ def _claims(preset: Scenario) -> str:
         (each.where, each.paper, each.ours, each.agreement, each.reason)
         for each in fidelity.claims(preset)
     ]
-    return _section(
-        "Claims", "", ("where", "the paper says", "we find", "agreement", "reason"), rows
-    )
+    return _section("Claims", "", "where | the paper says | we find | agreement | reason", rows)
 
 
 def _accuracy(preset: Scenario) -> str:
@@ -191,27 +186,15 @@ def _accuracy(preset: Scenario) -> str:
         "truly steady (80 s from rest, 0.5 ms), for |sigma| up to 1, 5, 10 and 20 rad/s. 'Frozen' "
         "coefficients take omega for both natural frequencies; 'natural' takes omega + sigma_i, "
         "as printed.",
-        ("law", "against", "method", "1", "5", "10", "20 rad/s"),
+        "law | against | method | 1 | 5 | 10 | 20 rad/s",
         rows,
     )
 
 
-def _errata() -> str:
-    return _section(
-        "Errata of the printed paper", "", ("equation", "what is wrong", "shown by"), ERRATA
-    )
-
-
-def _unstated() -> str:
-    return _section("What the paper leaves unstated", "", ("unstated", "here"), UNSTATED)
-
-
 def _section(
-    title: str,
-    text: str,
-    header: Sequence[str],
-    rows: Iterable[Sequence[str]],
-    after: str = "",
+    title: str, text: str, header: str, rows: Iterable[Sequence[str]], after: str = ""
 ) -> str:
-    lines = [f"## {title}", "", *([text, ""] if text else []), *markdown(header, rows)]
+    """Return a section with a table; bars part the titles of its columns."""
+    table = markdown(header.split(" | "), rows)
+    lines = [f"## {title}", "", *([text, ""] if text else []), *table]
     return "\n".join([*lines, *(["", after] if after else [])]) + "\n"

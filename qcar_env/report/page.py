@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import dataclasses
 import json
 import math
 from pathlib import Path
@@ -40,8 +39,7 @@ def render(report: Report) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    templates.filters["cell"] = cell
-    templates.filters["key"] = sort_key
+    templates.filters |= {"cell": cell, "key": sort_key}
     data = {
         "unit": report.force_unit.replace("^2", "²"),
         "charts": [specification(each) for each in report.charts],
@@ -52,7 +50,7 @@ def render(report: Report) -> str:
     return templates.get_template("report.html").render(
         report=report,
         groups=list(dict.fromkeys(each.group for each in report.histories)),
-        labels=_labels(report.histories),
+        labels=list(dict.fromkeys((each.label, each.colour) for each in report.histories)),
         shown=set(report.shown or [each.label for each in report.histories]),
         style=source.get_source(templates, "report.css")[0],
         script=source.get_source(templates, "report.js")[0],
@@ -145,10 +143,9 @@ def _numbers(values: NDArray[Any]) -> list[float | None]:
 
 
 def _packed(history: History) -> dict[str, Any]:
-    found = {each.name: getattr(history, each.name) for each in dataclasses.fields(history)}
     return {
         name: _array(value) if isinstance(value, np.ndarray) else value
-        for name, value in found.items()
+        for name, value in vars(history).items()
     }
 
 
@@ -156,7 +153,3 @@ def _array(values: NDArray[Any]) -> dict[str, Any]:
     """Pack an array as little-endian 32-bit floats: 7 digits, a sixth of the size of text."""
     packed = base64.b64encode(np.ascontiguousarray(values, dtype="<f4").tobytes())
     return {"shape": list(values.shape), "data": packed.decode("ascii")}
-
-
-def _labels(histories: tuple[History, ...]) -> list[tuple[str, str]]:
-    return list(dict.fromkeys((each.label, each.colour) for each in histories))

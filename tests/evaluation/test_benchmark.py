@@ -100,7 +100,7 @@ def test_what_is_found_is_said_whichever_way_it_goes(linear, cubic, said):
     assert any(f"{best:.4f}" in sentence for sentence in sentences)
 
 
-def test_the_optimum_of_crossings_that_are_alike_knows_the_control_interval():
+def test_the_optimum_of_episodes_that_are_alike_knows_the_control_interval():
     alike = optimum_of(SHORT, 0.5)
     assert len(alike) == 3
     assert alike[0].lower <= alike[0].upper <= alike[0].held * 1.01
@@ -131,7 +131,7 @@ def test_a_hump_has_the_optimum_of_its_whole_crossing():
         # RK4 and the exact map of the program agree to 1e-6 of the motion
         assert row.rho >= bound.lower * (1.0 - 1e-4)
     text = leaderboard.leaderboard(outcome)
-    assert "amplitudes over the whole crossing" in text
+    assert "amplitudes over the whole episode" in text
     assert "*optimum*" in text
 
 

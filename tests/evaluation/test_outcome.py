@@ -28,7 +28,7 @@ def record(nominal, seconds, terminated=False):
 
 
 def test_on_an_endless_road_the_last_periods_count():
-    found = outcome("mine", record(PAPER, 5.0), (1.0, 2.0), periods=5)
+    found = outcome("mine", record(PAPER, 5.0), periods=5)
     # samples 0.275 rad apart miss a peak by 0.275^2 / 8 at most
     assert found.amplitudes == pytest.approx((0.1, 0.2), rel=0.01)
     assert found.peak_force == pytest.approx((3.0, 7.0), rel=0.01)
@@ -38,13 +38,13 @@ def test_on_an_endless_road_the_last_periods_count():
 
 
 def test_over_a_hump_the_whole_crossing_counts():
-    found = outcome("mine", record(HUMP, 4.0), (1.0, 2.0), periods=None)
+    found = outcome("mine", record(HUMP, 4.0), periods=None)
     assert found.amplitudes == pytest.approx((1.0, 2.0), rel=0.01)
     assert len(found.peak_force) == 1
 
 
 def test_an_episode_that_broke_off_counts_whole():
-    found = outcome("mine", record(PAPER, 0.1, terminated=True), (1.0, 2.0), periods=5)
+    found = outcome("mine", record(PAPER, 0.1, terminated=True), periods=5)
     assert found.terminated
     assert found.amplitudes == pytest.approx((1.0, 2.0), rel=0.04)  # one period's samples
 
@@ -63,4 +63,4 @@ def test_the_measures_follow_from_the_amplitudes():
 
 def test_a_record_too_short_to_be_steady_is_refused():
     with pytest.raises(ValueError, match=r"record must hold 5 periods .* simulate longer"):
-        outcome("mine", record(PAPER, 0.1), (1.0, 2.0), periods=5)
+        outcome("mine", record(PAPER, 0.1), periods=5)

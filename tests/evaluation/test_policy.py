@@ -48,7 +48,7 @@ def test_what_is_no_policy_is_refused(run, policy, message):
 
 
 @pytest.mark.parametrize("given", [CASES[0], None, "paper", [None]])
-def test_what_are_no_crossings_is_refused(given):
+def test_what_are_no_episodes_is_refused(given):
     with pytest.raises(ValueError, match=r"episodes must be a sequence of Episode, got .*; take"):
         rollouts(Returns(None), given)
 

@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 
 from qcar_env.evaluation.statistics import Interval, share_interval
 from qcar_env.plots import benchmark
+from qcar_env.plots.style import shared_legend
 
 LIMITS = [0.25, 0.5, 1.0]
 
@@ -77,7 +78,7 @@ def test_histories_and_forces(ax):
     assert axes.shape == (2, 2)
     np.testing.assert_allclose(axes[0, 1].get_lines()[0].get_ydata(), x[:, 1] / 2.0)
     np.testing.assert_allclose(axes[1, 0].get_lines()[0].get_ydata(), np.cos(60 * t))
-    benchmark.shared_legend(figure, list(axes.ravel()))
+    shared_legend(figure, list(axes.ravel()))
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["CNVC"]
     plt.close(figure)
     benchmark.force_against_velocity(ax, x[:, 2], force[:, 0], "cnvc", limit=280.0)

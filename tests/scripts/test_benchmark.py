@@ -49,7 +49,7 @@ DRAWN = Track(
 
 @pytest.fixture(autouse=True)
 def short_tracks(monkeypatch):
-    """Crossings of a second: the machinery does not depend on their length."""
+    """Episodes of a second: the machinery does not depend on their length."""
     there = {"short": SHORT, "blind": BLIND, "drawn": DRAWN}
     monkeypatch.setattr(tracks, "TRACKS", there)
     monkeypatch.setattr(agents, "entries", lambda: ())
@@ -121,7 +121,7 @@ def test_results_are_complete_and_a_second_run_is_identical(tmp_path):
     assert "*optimum at 200 Hz*" in board[0]
     policies = {row["policy"] for row in first["rows"]}
     assert policies == {"none", "cnvc", "lnvc", "cnvc (tuned)", "lnvc (tuned)"}
-    assert len(first["rows"]) == 5 * 2 * 5  # policies, limits, crossings
+    assert len(first["rows"]) == 5 * 2 * 5  # policies, limits, episodes
     for row in first["rows"]:
         assert row["rho"] == pytest.approx(max(row["x1"] / 1.1163, row["x2"] / 1.5891), rel=1e-3)
     header = (tmp_path / "a" / "table.csv").read_text(encoding="utf-8").splitlines()
@@ -240,7 +240,7 @@ def test_a_track_for_feedback_takes_no_policy_that_reads_more(tmp_path):
     for row in rows:
         if row["policy"] == "lqr":
             both.setdefault(row["track"], []).append(row["rho"])
-    assert both["short"] == both["blind"]  # the same crossings, run once
+    assert both["short"] == both["blind"]  # the same episodes, run once
 
 
 def test_an_onnx_file_enters(tmp_path):

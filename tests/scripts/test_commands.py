@@ -1,8 +1,11 @@
 """What every command refuses: in one line, with status 2, before any work, writing nothing."""
 
 import importlib
+from pathlib import Path
 
 import pytest
+
+from scripts import command as commands
 
 LEARNING = ("train", "learning_report")  # commands that need torch
 
@@ -82,3 +85,25 @@ def test_what_cannot_be_is_refused_before_any_work(
     assert said.count("\n") == 1
     assert printed == ""
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_default_says_what_an_option_takes():
+    options = {
+        "count": (3, "whole number"),
+        "many": ((1.0, 2.0), "numbers"),
+        "switch": (False, "on or off"),
+        "out": (Path("here"), "folder"),
+        "limit": (float, "number without default"),
+        "vs": (("none",), "names, or none at all", {"nargs": "*"}),
+    }
+    made = commands.parser("", options)
+    found = vars(made.parse_args([]))
+    assert found == {
+        "count": 3, "many": (1.0, 2.0), "switch": False, "out": Path("here"), "limit": None,
+        "vs": ("none",),
+    }  # fmt: skip
+    given = "--count 4 --many 5 --switch --out there --limit 1e-3 --vs"
+    found = vars(made.parse_args(given.split()))
+    assert found == {
+        "count": 4, "many": [5.0], "switch": True, "out": Path("there"), "limit": 1e-3, "vs": [],
+    }  # fmt: skip

@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 
 from qcar_env.plots.film import drive, look
-from scripts import watch
+from scripts import command, watch
 
 SHORT = ["--duration", "0.2", "--wait", "0.05", "--size", "320", "240"]
+
+
+def parsed(argv):
+    return command.parser("", watch.OPTIONS).parse_args(argv)
 
 
 def frames_of(path, width, height):
@@ -48,7 +52,7 @@ def test_a_gif_shows_each_policy_in_its_own_colour(tmp_path):
 
 
 def test_the_policies_wait_and_then_act():
-    arguments = watch._parse([*SHORT, "--policy", "cnvc"])
+    arguments = parsed([*SHORT, "--policy", "cnvc"])
     film = watch.film_of(arguments)
     actions = [env.picture().force for env in drive(film.entries[0], film)]
     begin = round(film.wait / film.scenario.dt / film.stride)
@@ -57,7 +61,7 @@ def test_the_policies_wait_and_then_act():
 
 
 def test_the_cars_meet_the_same_road_from_the_same_start():
-    film = watch.film_of(watch._parse([*SHORT, "--start", "rest"]))
+    film = watch.film_of(parsed([*SHORT, "--start", "rest"]))
     for a, b in zip(drive(film.entries[0], film), drive(film.entries[1], film), strict=True):
         assert a.time == b.time
         assert a.episode == b.episode
@@ -67,7 +71,7 @@ def test_the_cars_meet_the_same_road_from_the_same_start():
 
 def test_the_film_has_the_wanted_speed_at_any_rate():
     for slow, fps in ((1.0, 25.0), (4.0, 24.0), (0.5, 60.0), (100.0, 30.0)):
-        film = watch.film_of(watch._parse([*SHORT, "--slow", str(slow), "--fps", str(fps)]))
+        film = watch.film_of(parsed([*SHORT, "--slow", str(slow), "--fps", str(fps)]))
         simulated = (film.length - 1) * film.stride * film.scenario.dt
         assert (film.length - 1) / film.rate == pytest.approx(simulated * slow)
 
@@ -124,13 +128,13 @@ def test_tuned_laws_and_agents_drive_too(tmp_path):
     assert "lnvc-tuned" in names
     assert look(names["lnvc-tuned"]).color == look(names["lnvc"]).color
     for name in ("lnvc-tuned", *(each for each in names if each.startswith(("ppo", "sac")))):
-        film = watch.film_of(watch._parse([*SHORT, "--policy", name, "--start", "rest"]))
+        film = watch.film_of(parsed([*SHORT, "--policy", name, "--start", "rest"]))
         actions = [env.picture().force for env in drive(film.entries[0], film)]
         assert np.any(actions[-1])
 
 
 def test_a_smaller_force_limit_is_the_agents_to_see():
-    film = watch.film_of(watch._parse([*SHORT, "--force-scale", "0.5"]))
+    film = watch.film_of(parsed([*SHORT, "--force-scale", "0.5"]))
     env = next(drive(film.entries[0], film))
     np.testing.assert_allclose(env.force_limit, 0.5 * np.array(film.scenario.actuator.limit))
     assert env.scenario.actuator.limit == pytest.approx(tuple(env.force_limit))

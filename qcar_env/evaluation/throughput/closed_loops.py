@@ -97,29 +97,16 @@ def rollouts() -> list[Candidate]:
 
     found.append(Candidate(name="multiply-add peak", run=peak, steps=steps))
     if many > 1:
-        found.append(
-            shared_out(
-                f"multiply-add peak, {many} threads",
-                lambda _: multiply_add(repeats),
-                many,
-                steps=many * steps,
-            )
-        )
+        name = f"multiply-add peak, {many} threads"
+        found.append(shared_out(name, lambda _: multiply_add(repeats), many, steps=many * steps))
     return found
 
 
 def multiply_add(repeats: int) -> float:
     """Multiply and add, and do nothing else: the yardstick of the other kernels.
 
-    Parameters
-    ----------
-    repeats : int
-        Passes of ``PEAK_WIDTH * PEAK_LENGTH`` fused multiply-adds in double precision.
-
-    Returns
-    -------
-    float
-        A number that nobody needs, so that the work is not left out.
+    Each of the `repeats` passes has ``PEAK_WIDTH * PEAK_LENGTH`` fused multiply-adds in double
+    precision. Nobody needs the number that is returned; without it the work would be left out.
     """
     return _multiply_add(aligned((PEAK_WIDTH,)), repeats)
 

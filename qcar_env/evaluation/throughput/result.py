@@ -107,16 +107,9 @@ def ratios(
     rows: list[dict[str, Any]] = []
     for ours, theirs, limit in wanted:
         if ours in timings and theirs in timings:
-            middle, low, high = timings[ours].times_faster_than(timings[theirs])
-            rows.append(
-                {
-                    "ours": ours,
-                    "theirs": theirs,
-                    "ratio": middle,
-                    "quartiles": [low, high],
-                    "least": limit,
-                }
-            )
+            middle, *quartiles = timings[ours].times_faster_than(timings[theirs])
+            found = {"ratio": middle, "quartiles": quartiles, "least": limit}
+            rows.append({"ours": ours, "theirs": theirs, **found})
     return rows
 
 
