@@ -13,7 +13,7 @@ No fast-math: a car gets the same bits alone and among others, and as in plain P
 can be asked for with fused multiply-adds (`kernel(fused=True)`).
 """
 
-# pyright: basic, reportArgumentType=false, reportAttributeAccessIssue=false
+# pyright: basic, reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
 # numba has no types for what it compiles.
 
 from __future__ import annotations
