@@ -448,8 +448,8 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
             over |= s[END * LANES + j] + s[(END + 1) * LANES + j] + b.clock[DONE * LANES + j] > NONE
         b.own[ENDED] = over
 
-    @kernel(allocates=False)
-    @compiled_apart(allocates=False)  # for kernels of many intervals, see `held_law`
+    @kernel(allocates=exact)
+    @compiled_apart(allocates=exact)  # for kernels of many intervals, see `held_law`
     def step(
         slabs,
         clocks,

@@ -344,7 +344,8 @@ class LaggedSemiActiveDamper(_Valve):
     @staticmethod
     def rate(memory: Any, command: Any, travel_rate: Any, p: Any) -> Damping:
         """Return the rate of the damping [N/m]."""
-        return Damping((command[0] - memory.c) / p.lag)
+        inverse = 1.0 / p.lag  # the same at all stages of a step, and taken once
+        return Damping((command[0] - memory.c) * inverse)
 
     @staticmethod
     def force(memory: Any, command: Any, travel_rate: Any, p: Any) -> tuple[Any, Any]:

@@ -216,7 +216,7 @@ def test_single_precision_stays_close():
         cars, _ = fleet(3, scenario, given=given, single=single)
         rng = np.random.default_rng(0)
         shown = [
-            cars.step(rng.uniform(-0.2, 0.2, (3, 2)).astype(np.float32), DISABLED).seen
+            cars.step(rng.uniform(-0.2, 0.2, (3, 2)).astype(np.float32), DISABLED)[0]
             for _ in range(999)
         ]
         found.append(np.array(shown))
