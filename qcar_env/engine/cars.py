@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.engine.composition import OWN_FIXED, QUIET, Scratch
+from qcar_env.engine.composition import OWN_FIXED, QUIET
 from qcar_env.engine.held_law import driver
 from qcar_env.engine.stepping import NOT_FINITE
 from qcar_env.engine.storage import COUNT, FLOAT, NOTHING_GIVEN, SHOWN, Array, Storage
@@ -240,7 +240,7 @@ class Cars(Storage):
             )
         peak = np.zeros((self.n, 2))
         driver(self.kernels.step.py_func, act)(
-            *(self._moved, Scratch(*self._of_worker[0][-3:]), self._outputs(), seen),
+            *(self._of_worker[0], self._outputs()[1:], seen),
             *(np.zeros(self._shape, SHOWN), gains, self.n // laws, shared, intervals, window, peak),
         )
         return np.where(np.isnan(peak), np.inf, peak)

@@ -15,14 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from qcar_env.engine.compile import (
-    LANES,
-    compiled,
-    compiled_apart,
-    disjoint,
-    source_stamp,
-    widen,
-)
+from qcar_env.engine.compile import LANES, compiled, compiled_apart, disjoint, source_stamp, widen
 from qcar_env.engine.composition import QUIET, Composition
 from qcar_env.engine.course import Course, Pieces, course
 from qcar_env.engine.exact import exact as exact_of
@@ -40,7 +33,6 @@ from qcar_env.physics.motion import (
     Phasor,
     Phasors,
     angle,
-    four_turning_steps,
     given_step,
     turning as turning_of,
     turning_step,
@@ -58,8 +50,7 @@ ELAPSED, DONE, KINK, NEXT = (
 NEVER = 2**62  # [intervals] a kink that does not come
 RESEED = 64  # [intervals] after which phasors in single precision are computed anew
 
-for _each in (four_turning_steps, given_step):
-    compiled(_each)
+compiled(given_step)
 
 
 class Driving(NamedTuple):
@@ -71,7 +62,6 @@ class Driving(NamedTuple):
     map_size: int  # numbers of an exact map, which follow the latter in its slab
     stages: Any  # stages(n): rows for what a road that is read does in an interval of n steps
     road: Course
-    turning: bool  # whether the road turns a phasor
     start: Any  # start(numbers, phase, endless, step) -> Driven, time on the road [s]
     keep: Any  # keep(p, stride, j, driven, step): write what stays the same
     at_end: Any  # at_end(block, j, w, driven) -> y, y', input, of a car that is at no kink
@@ -396,7 +386,6 @@ def driving(what: Composition, single: bool, exact: bool) -> Driving:
         map_size=mapped.size if mapped else 0,
         stages=lambda n: 0 if turning else (2 * n + 2) * READ_SIZE,
         road=road,
-        turning=turning,
         start=start,
         keep=keep,
         at_end=at_end,

@@ -43,13 +43,12 @@ def driver(step: Any, act: Any) -> Any:
     sources = source_stamp(driver, act)
 
     @kernel
-    def drive(
-        fleet, scratch, outputs, seen, actions, gains, group, shared, intervals, window, peak
-    ):
+    def drive(fleet, outputs, seen, actions, gains, group, shared, intervals, window, peak):
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        for block in range(fleet.slabs.shape[0]):
+        rewards, push, ends = outputs
+        for block in range(fleet[0].shape[0]):
             first, last = block * LANES, min((block + 1) * LANES, seen.shape[0])
-            x = fleet.slabs[block]  # which begins with x1, x2
+            x = fleet[0][block]  # which begins with x1, x2
             for k in range(intervals):
                 for i in range(first, last):
                     action = actions[i]
@@ -57,7 +56,7 @@ def driver(step: Any, act: Any) -> Any:
                     for a in range(action.shape[0]):
                         if not abs(action[a]) <= HIGHEST:
                             action[a], peak[i] = 0.0, np.nan
-                step(*fleet, *scratch, block, block + 1, actions, seen, *outputs[1:])
+                step(*fleet, block, block + 1, actions, seen, rewards, push, ends)
                 if k >= intervals - window:
                     for mass in range(2):
                         for i in range(first, last):

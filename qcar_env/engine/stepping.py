@@ -150,7 +150,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
     ELAPSED, LAST = CLOCKS.find("clock.elapsed"), CLOCKS.find("clock.last")
     NONE, NO_TABLE = real(0.0), ()
 
-    start, keep, at_end, moment, look, drive, advance = motion[7:14]
+    start, keep, at_end, moment, look, drive, advance = motion[6:13]
     quiet_of = motion.quiet_of
     next_kink, phasor_at, reading = motion.road.next_kink, motion.road.phasor, motion.road.reading
     memory = STATE.memory

@@ -78,24 +78,30 @@ def _bounded(a: Any, limit: Any) -> Any:
     return _implementation("a, limit", body, names)
 
 
-# What parts choose with: a product with a truth value is slow in vectors. These are one instruction
-# each, and the same, up to the sign of a zero. A first argument that is no number is kept.
+# What parts choose with: a product with a truth value is slow in vectors, and a choice has the same
+# bits, as no zero is negative. A first argument that is no number stays none.
+
+
+def _zero(kind: Any) -> Any:
+    return (np.float32 if kind == types.float32 else np.float64)(0.0)
 
 
 @has_form(part.least)
 def _least(a: Any, b: Any) -> Any:
-    return lambda a, b: b if b < a else a
+    zero = _zero(a)
+    return lambda a, b: (b if b < a else a) + zero
 
 
 @has_form(part.most)
 def _most(a: Any, b: Any) -> Any:
-    return lambda a, b: b if b > a else a
+    zero = _zero(a)
+    return lambda a, b: (b if b > a else a) + zero
 
 
 @has_form(part.positive_part)
 def _positive_part(value: Any) -> Any:
-    zero = (np.float32 if value == types.float32 else np.float64)(0.0)
-    return lambda value: zero if zero > value else value
+    zero = _zero(value)
+    return lambda value: zero if zero >= value else value
 
 
 @has_form(part.clamp)

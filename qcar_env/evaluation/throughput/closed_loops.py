@@ -9,9 +9,10 @@ import numpy as np
 
 from qcar_env.control import CNVC, Passive
 from qcar_env.control.law import Law
-from qcar_env.engine.closed_loop import Composition, compose, cores, drive, loop_road, slabs
+from qcar_env.engine.closed_loop import cores, drive, slabs
 from qcar_env.engine.compile import aligned, widen
 from qcar_env.engine.course import road_functions
+from qcar_env.engine.loop_kernels import Composition, compose, loop_road
 from qcar_env.engine.starts import Force
 from qcar_env.evaluation.throughput.timing import Candidate, shared_out
 from qcar_env.physics.car import REST
