@@ -27,6 +27,7 @@ from qcar_env.physics.motion import Phasors, angle
 from qcar_env.physics.plant import PlantState
 from qcar_env.physics.state import State
 from qcar_env.roads import shapes
+from qcar_env.roads.flat_tops import FlatTop, SmoothFlatTop, cushion
 from qcar_env.roads.functions import FunctionRoad
 from qcar_env.roads.iso8608 import ISO8608
 from qcar_env.roads.train import Train
@@ -275,9 +276,9 @@ ROADS = {
     "sextic": shapes.Sextic(h=0.05, L=0.6, start=0.123),
     "square bar": shapes.SquareBar(h=0.02, L=0.4, start=0.123),
     "pothole": shapes.pothole(depth=0.05, L=0.4, start=0.123),
-    "flat top": shapes.FlatTop(h=0.05, ramp=0.3, top=0.4, start=0.123),
-    "smooth flat top": shapes.SmoothFlatTop(h=0.05, ramp=0.3, top=0.4, start=0.123),
-    "cushion": shapes.cushion(h=0.05, L=1.0, gradient=0.2, start=0.123),
+    "flat top": FlatTop(h=0.05, ramp=0.3, top=0.4, start=0.123),
+    "smooth flat top": SmoothFlatTop(h=0.05, ramp=0.3, top=0.4, start=0.123),
+    "cushion": cushion(h=0.05, L=1.0, gradient=0.2, start=0.123),
     "step": shapes.Step(h=0.03, start=0.123),
     "train": Train(shape=shapes.HalfSine(h=0.03, wavenumber=15.0, start=0.05), gap=0.17, count=3),
     "function": FunctionRoad(profile=lambda s: 0.01 * math.sin(9.0 * s), kinks_at=()),
