@@ -18,6 +18,7 @@ can be asked for with fused multiply-adds (`kernel(fused=True)`).
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import itertools
 import os
@@ -106,17 +107,56 @@ def kernel(
     allocates : bool
         Whether it makes arrays, other than views of those that it is given. One that does not need
         not count who uses them, and a call takes less than half the time.
+
+    Raises
+    ------
+    RuntimeError
+        If numba is told to compile nothing.
+
+    Notes
+    -----
+    Where nothing can be written, it is compiled anew in each process; so is what lies damaged on
+    disk, or was left there by another version.
     """
     if function is None:
         return lambda each: kernel(each, fused=fused, nogil=nogil, allocates=allocates)
-    return numba.njit(
-        cache=True,
+    if numba.config.DISABLE_JIT:
+        raise RuntimeError("the engine is compiled code, but NUMBA_DISABLE_JIT is set; unset it")
+    made: Any = numba.njit(
         nogil=nogil,
         boundscheck=False,
         error_model="numpy",
         fastmath={"contract"} if fused else False,
         **({} if allocates else {"_nrt": False}),
     )(function)
+    with contextlib.suppress(RuntimeError):  # there is no folder that it may write to
+        made.enable_caching()
+        made._cache = _Forgiving(made._cache)
+    return made
+
+
+class _Forgiving:
+    """numba's cache on disk, but what cannot be read or written is as if it were not there."""
+
+    def __init__(self, cache: Any) -> None:
+        self._cache = cache
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._cache, name)
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """Return what is stored, or None."""
+        try:
+            return self._cache.load_overload(signature, context)
+        except Exception:  # whatever reading a damaged file raises
+            with contextlib.suppress(OSError):
+                self._cache.flush()
+            return None
+
+    def save_overload(self, signature: Any, made: Any) -> None:
+        """Store what has been compiled, where the disk takes it."""
+        with contextlib.suppress(OSError):
+            self._cache.save_overload(signature, made)
 
 
 def source_stamp(*functions: Callable[..., Any]) -> str:
