@@ -1,4 +1,4 @@
-"""The environment of one car."""
+"""The environment of one car. Its docstring is its page in the documentation: hence the length."""
 
 from __future__ import annotations
 

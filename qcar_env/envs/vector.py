@@ -1,4 +1,7 @@
-"""The environment of many cars, stepped together by the compiled engine."""
+"""The environment of many cars, stepped together by the compiled engine.
+
+The length is that of Gymnasium's interface: one class, with what each of its methods takes and gives.
+"""
 
 from __future__ import annotations
 
