@@ -1,6 +1,6 @@
 """The environment of many cars, stepped together by the compiled engine.
 
-The length is that of Gymnasium's interface: one class, with what each of its methods takes and gives.
+Its length is that of Gymnasium's interface: one class, with what each method takes and gives.
 """
 
 from __future__ import annotations
