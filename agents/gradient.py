@@ -27,9 +27,10 @@ from agents.trainer import (
     set_generator_state,
     tensors,
 )
-from qcar_env.engine.cars import NOTHING_GIVEN, Cars
+from qcar_env.engine.cars import Cars
 from qcar_env.engine.random import streams
 from qcar_env.engine.stepping import compose
+from qcar_env.engine.storage import NOTHING_GIVEN
 from qcar_env.envs.episode import OBSERVATION_LIMIT, Settings
 from qcar_env.physics import tree
 from qcar_env.physics.motion import Input, turning_step
@@ -71,7 +72,7 @@ class Motion:
         kernels = compose(made, False)
         self._like = kernels.moving.trees["state"], kernels.moving.trees["phasors"]
         self._kind: Any = made.actuator
-        self._check(plan, kernels.fixed.trees["fixed"])
+        self._check(plan, kernels.fixed.trees["driven"])
         self.cars = Cars(n, plan)
         self.cars.seed(np.arange(n), streams(range(seed * n, seed * n + n)))
         self._rate = plant_functions(made.car, made.actuator).rate
@@ -104,13 +105,13 @@ class Motion:
         """Return z after a control interval under an action within [-1, 1], (n, m)."""
         if self._linear:
             return torch.bmm(torch.cat([z, action], dim=1)[:, None], self._map)[:, 0]
-        return torch.stack(self._interval(z.unbind(1), action.unbind(1), self._fixed), dim=1)
+        return torch.stack(self._interval(z.unbind(1), action.unbind(1), self._driven), dim=1)
 
     def seen(self, z: Tensor, action: Tensor) -> Tensor:
         """Return the observation, shape (n, k), while an action is held."""
         x, w = tree.unflat(self._like, z.unbind(1))
-        command = self._kind.command(action.unbind(1), self._fixed.actuator)
-        found = self.cars.kernels.entries(x, w, command, self._fixed)
+        command = self._kind.command(action.unbind(1), self._driven.actuator)
+        found = self.cars.kernels.entries(x, w, command, self._driven, self._read)
         limit = OBSERVATION_LIMIT
         return torch.clamp(torch.stack(torch.broadcast_tensors(*found), dim=1), -limit, limit)
 
@@ -123,15 +124,20 @@ class Motion:
 
     def _prepare(self) -> None:
         """Take what the episodes fix, and of a linear plant the maps (n, k + m, k)."""
-        found = self.cars.entries("fixed")
-        fixed = tree.unflat(found, [torch.tensor(each) for each in tree.flat(found)])
+        driven, read = (
+            tree.unflat(found, [torch.tensor(each) for each in tree.flat(found)])
+            for found in (self.cars.entries("driven"), self.cars.entries("read"))
+        )
         if self._linear:
             k, m = self.z.shape[1], self.cars.actions
             unit = torch.eye(k + m, dtype=torch.float64)[:, :, None]
-            columns = self._interval(unit[:k], unit[k:], fixed)
-            wide = torch.stack(torch.broadcast_tensors(*columns, fixed.speed)[:-1])
+            columns = self._interval(unit[:k], unit[k:], driven)
+            wide = torch.stack(torch.broadcast_tensors(*columns, driven.speed)[:-1])
             self._map = wide.permute(2, 1, 0).float().contiguous()
-        self._fixed = tree.unflat(fixed, [each.float() for each in tree.flat(fixed)])
+        self._driven, self._read = (
+            tree.unflat(each, [number.float() for number in tree.flat(each)])
+            for each in (driven, read)
+        )
 
     def _check(self, plan: Plan, numbers: Any) -> None:
         """Refuse by name what torch cannot run."""

@@ -136,7 +136,7 @@ class Crossings:
     @property
     def now(self) -> Array:
         """Where the cars stand: states and phases that another crossing can begin with, (n, 5)."""
-        elapsed = self.cars.clock("elapsed") * self._dt * self.cars.fixed("omega")[0]
+        elapsed = self.cars.clock("elapsed") * self._dt * self.cars.driven("omega")[0]
         return np.column_stack([self.cars.states, self.cars.phases + elapsed])
 
 

@@ -106,17 +106,17 @@ class QuarterCarHumpVecEnv(VecEnv):
         """
         if self._actions is None:
             raise ValueError("actions must be given before they are waited for; call step_async")
-        done = self.vector.advance(self._actions)
-        names, columns = self._names, (done.force, *done.rewards[1:].tolist())
+        seen, rewards, force, ends, begun = self.vector.advance(self._actions)
+        names, columns = self._names, (force, *rewards[1:].tolist())
         infos: list[dict[str, Any]] = [
             dict(zip(names, each))  # noqa: B905 - equal lengths, and quicker
             for each in zip(*columns)  # noqa: B905
         ]
-        if done.begun is not None and done.finals is not None:
-            for i, last in zip(done.begun.tolist(), done.finals, strict=True):
+        if begun is not None and begun.finals is not None:
+            for i, last in zip(begun.cars.tolist(), begun.finals, strict=True):
                 infos[i]["terminal_observation"] = last
-                infos[i]["TimeLimit.truncated"] = bool(done.ends[1, i])
-        return done.seen, done.rewards[0].astype(np.float32), done.ends.any(axis=0), infos
+                infos[i]["TimeLimit.truncated"] = bool(ends[1, i])
+        return seen, rewards[0].astype(np.float32), ends.any(axis=0), infos
 
     def snapshot(self) -> dict[str, NDArray[Any]]:
         """Return all that moves, to go on from."""

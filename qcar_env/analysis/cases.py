@@ -12,17 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.control.law import ControlledState, Law, check_law
-from qcar_env.engine.closed_loop import (
-    NEVER,
-    Case,
-    Composition,
-    Drive,
-    Outcome,
-    drive,
-    loop_road,
-    run,
-)
+from qcar_env.engine.closed_loop import Case, Drive, Outcome, drive, run
 from qcar_env.engine.course import road_functions
+from qcar_env.engine.loop_kernels import NEVER, Composition, loop_road
 from qcar_env.engine.starts import Force
 from qcar_env.parts.actuator import SuspensionActuator
 from qcar_env.parts.part import Nothing

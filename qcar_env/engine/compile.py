@@ -1,4 +1,4 @@
-"""What compiled code is made with: the only file that knows numba.
+"""What compiled code is made with.
 
 The functions of parts, roads, cars, laws and rewards are compiled as they stand; no equation is
 written a second time. A kernel closes over them, so what a car is made of is resolved when it is
@@ -13,11 +13,12 @@ No fast-math: a car gets the same bits alone and among others, and as in plain P
 can be asked for with fused multiply-adds (`kernel(fused=True)`).
 """
 
-# pyright: basic, reportArgumentType=false, reportAttributeAccessIssue=false
+# pyright: basic, reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
 # numba has no types for what it compiles.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import itertools
 import os
@@ -35,8 +36,6 @@ from numba.core.bytecode import FunctionIdentity
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic, overload, register_jitable
 
-from qcar_env.physics import tree
-
 LANES = 64  # cars in a block: its rows fit the first-level cache of 32 KB
 INLINE = {"forceinline": True}  # without it loops over cars are not vectorised
 
@@ -47,6 +46,15 @@ INLINE = {"forceinline": True}  # without it loops over cars are not vectorised
 FunctionIdentity._unique_ids = itertools.count(secrets.randbits(62))
 
 
+_REGISTERED: set[Any] = set()  # functions that compiled code can call
+
+
+def has_form(function: Any) -> Any:
+    """Let compiled code take another form of `function`: what is decorated makes it from types."""
+    _REGISTERED.add(function)
+    return overload(function, jit_options=INLINE, strict=False)
+
+
 def compiled(function: Any) -> Any:
     """Let compiled code call `function`, which stays plain Python, and becomes part of its callers.
 
@@ -55,9 +63,14 @@ def compiled(function: Any) -> Any:
     return _registered(function, INLINE)
 
 
-def compiled_apart(function: Any) -> Any:
-    """Do the same for a function that is called for few cars at a time, to compile it once."""
-    return _registered(function, {})
+def compiled_apart(function: Any = None, *, allocates: bool = True) -> Any:
+    """Do the same for a function that is called for few cars at a time, to compile it once.
+
+    One that does not make arrays, but for views of others, need not count who uses them.
+    """
+    if function is None:
+        return lambda each: compiled_apart(each, allocates=allocates)
+    return _registered(function, {} if allocates else {"_nrt": False})
 
 
 def _registered(function: Any, options: dict[str, Any]) -> Any:
@@ -79,7 +92,9 @@ def _registered(function: Any, options: dict[str, Any]) -> Any:
     return function
 
 
-def kernel(function: Any = None, *, fused: bool = False, nogil: bool = True) -> Any:
+def kernel(
+    function: Any = None, *, fused: bool = False, nogil: bool = True, allocates: bool = True
+) -> Any:
     """Compile `function` for calls from Python, cached on disk.
 
     Parameters
@@ -89,16 +104,59 @@ def kernel(function: Any = None, *, fused: bool = False, nogil: bool = True) -> 
         equal to plain Python to rounding only.
     nogil : bool
         Whether it lets go of the interpreter's lock, which takes longer than a step of one car.
+    allocates : bool
+        Whether it makes arrays, other than views of those that it is given. One that does not need
+        not count who uses them, and a call takes less than half the time.
+
+    Raises
+    ------
+    RuntimeError
+        If numba is told to compile nothing.
+
+    Notes
+    -----
+    Where nothing can be written, it is compiled anew in each process; so is what lies damaged on
+    disk, or was left there by another version.
     """
     if function is None:
-        return lambda each: kernel(each, fused=fused, nogil=nogil)
-    return numba.njit(
-        cache=True,
+        return lambda each: kernel(each, fused=fused, nogil=nogil, allocates=allocates)
+    if numba.config.DISABLE_JIT:
+        raise RuntimeError("the engine is compiled code, but NUMBA_DISABLE_JIT is set; unset it")
+    made: Any = numba.njit(
         nogil=nogil,
         boundscheck=False,
         error_model="numpy",
         fastmath={"contract"} if fused else False,
+        **({} if allocates else {"_nrt": False}),
     )(function)
+    with contextlib.suppress(RuntimeError):  # there is no folder that it may write to
+        made.enable_caching()
+        made._cache = _Forgiving(made._cache)
+    return made
+
+
+class _Forgiving:
+    """numba's cache on disk, but what cannot be read or written is as if it were not there."""
+
+    def __init__(self, cache: Any) -> None:
+        self._cache = cache
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._cache, name)
+
+    def load_overload(self, signature: Any, context: Any) -> Any:
+        """Return what is stored, or None."""
+        try:
+            return self._cache.load_overload(signature, context)
+        except Exception:  # whatever reading a damaged file raises
+            with contextlib.suppress(OSError):
+                self._cache.flush()
+            return None
+
+    def save_overload(self, signature: Any, made: Any) -> None:
+        """Store what has been compiled, where the disk takes it."""
+        with contextlib.suppress(OSError):
+            self._cache.save_overload(signature, made)
 
 
 def source_stamp(*functions: Callable[..., Any]) -> str:
@@ -174,136 +232,7 @@ def _made(source: str, names: dict[str, Any]) -> Any:
     return compiled(found[source.split("(")[0].removeprefix("def ")])
 
 
-# Named tuples in compiled code -----------------------------------------------------------------
-
-
-def _entrywise(kind: Any, leaf: Callable[[str], str]) -> tuple[str, dict[str, Any]]:
-    """Return an expression that makes a tuple like `kind` of ``leaf("[i][j]")``, and its names."""
-    names: dict[str, Any] = {}
-
-    def build(part: Any, index: str) -> str:
-        if not isinstance(part, types.BaseTuple):
-            return leaf(index)
-        inside = "".join(build(each, f"{index}[{i}]") + ", " for i, each in enumerate(part.types))
-        if not isinstance(part, types.BaseNamedTuple):
-            return f"({inside})"
-        names[name := f"K{len(names)}"] = part.instance_class
-        return f"{name}({inside})"
-
-    return build(kind, ""), names
-
-
-def _implementation(arguments: str, body: str, names: dict[str, Any]) -> Any:
-    exec(f"def made({arguments}):\n    return {body}", names)
-    return names["made"]
-
-
-@overload(tree.advance, jit_options=INLINE, strict=False)
-def _advance(x: Any, step: Any, rate: Any) -> Any:
-    body, names = _entrywise(x, lambda i: f"x{i} + step * rate{i}")
-    return _implementation("x, step, rate", body, names)
-
-
-@overload(tree.add, jit_options=INLINE, strict=False)
-def _add(a: Any, b: Any) -> Any:
-    body, names = _entrywise(a, lambda i: f"a{i} + b{i}")
-    return _implementation("a, b", body, names)
-
-
-@overload(tree.combine, jit_options=INLINE, strict=False)
-def _combine(a: Any, s: Any, b: Any, c: Any) -> Any:
-    body, names = _entrywise(a, lambda i: f"a{i} * s + b{i} * c")
-    return _implementation("a, s, b, c", body, names)
-
-
-@overload(tree.times, jit_options=INLINE, strict=False)
-def _times(a: Any, b: Any) -> Any:
-    body, names = _entrywise(a, lambda i: f"a{i} * b{i}")
-    return _implementation("a, b", body, names)
-
-
-@overload(tree.bounded, jit_options=INLINE, strict=False)
-def _bounded(a: Any, limit: Any) -> Any:
-    body, names = _entrywise(a, lambda i: f"min(max(a{i}, -limit), limit)")
-    return _implementation("a, limit", body, names)
-
-
-def negative_sum(costs: Any) -> Any:
-    """Return ``-costs[0] - costs[1] - ...``, in this order."""
-    total = -costs[0]
-    for each in costs[1:]:
-        total = total - each
-    return total
-
-
-@overload(negative_sum, jit_options=INLINE, strict=False)
-def _negative_sum(costs: Any) -> Any:
-    body = "".join(f" - costs[{i}]" for i in range(len(costs))).strip()
-    return _implementation("costs", body.replace("- ", "-", 1) or "0.0", {})
-
-
-def outcome(code: Any, reward: Any, out: Any, late: Any, costs: Any, penalty: Any) -> Any:
-    """Return ``(code, reward, out, late, -costs[0], -costs[1], ..., penalty)``."""
-    return code, reward, out, late, *(-each for each in costs), penalty
-
-
-@overload(outcome, jit_options=INLINE, strict=False)
-def _outcome(code: Any, reward: Any, out: Any, late: Any, costs: Any, penalty: Any) -> Any:
-    terms = "".join(f"-costs[{i}], " for i in range(len(costs)))
-    body = f"(code, reward, out, late, {terms}penalty)"
-    return _implementation("code, reward, out, late, costs, penalty", body, {})
-
-
-def load(z: Any, row: int, stride: int, lane: int, like: Any) -> Any:
-    """Return the numbers of car `lane` from `row` of slab `z` on, as a tuple of the kind of `like`.
-
-    Parameters
-    ----------
-    z : ndarray (rows * stride,)
-        The slab.
-    row, stride, lane : int
-        First row, cars in the slab, and the car.
-    like : tuple
-        A named tuple of numbers or of named tuples; its own numbers do not matter.
-    """
-    rows = np.asarray(z).reshape(-1, stride)[row:, lane]
-    return tree.unflat(like, rows[: len(tree.flat(like))].tolist())
-
-
-@overload(load, jit_options=INLINE, strict=False)
-def _load(z: Any, row: Any, stride: Any, lane: Any, like: Any) -> Any:
-    rows = iter(range(10**6))
-    body, names = _entrywise(like, lambda _: f"z[(row + {next(rows)}) * stride + lane]")
-    return _implementation("z, row, stride, lane, like", body, names)
-
-
-def load_wide(z: Any, row: int, stride: int, lane: int, like: Any) -> Any:
-    """Return the same in double precision, whatever the slab's."""
-    return load(z, row, stride, lane, like)
-
-
-@overload(load_wide, jit_options=INLINE, strict=False)
-def _load_wide(z: Any, row: Any, stride: Any, lane: Any, like: Any) -> Any:
-    rows = iter(range(10**6))
-    entry = lambda _: f"float64(z[(row + {next(rows)}) * stride + lane])"  # noqa: E731
-    body, names = _entrywise(like, entry)
-    return _implementation("z, row, stride, lane, like", body, {**names, "float64": np.float64})
-
-
-def save(z: Any, row: int, stride: int, lane: int, values: Any) -> None:
-    """Write `values`, a tuple of numbers or of tuples, into the rows from `row` on (see `load`)."""
-    flat = tree.flat(values)
-    np.asarray(z).reshape(-1, stride)[row : row + len(flat), lane] = flat
-
-
-@overload(save, jit_options=INLINE, strict=False)
-def _save(z: Any, row: Any, stride: Any, lane: Any, values: Any) -> Any:
-    places: list[str] = []
-    _entrywise(values, lambda i: places.append(i) or "")
-    lines = [f"    z[(row + {k}) * stride + lane] = values{i}" for k, i in enumerate(places)]
-    names: dict[str, Any] = {}
-    exec("def made(z, row, stride, lane, values):\n" + "\n".join(lines or ["    pass"]), names)
-    return names["made"]
+# Hints to the compiler ---------------------------------------------------------------------------
 
 
 def _align_stack(typingctx: Any) -> Any:
@@ -327,55 +256,40 @@ def _align_stack(typingctx: Any) -> Any:
 align_stack: Any = intrinsic(_align_stack)
 
 
-def holds(z: Any, row: int, stride: int, lane: int, values: Any) -> bool:
-    """Return whether `save` of the same would change nothing."""
-    flat = tree.flat(values)
-    rows = np.asarray(z).reshape(-1, stride)[row : row + len(flat), lane]
-    return bool(np.all(rows == np.array(flat).astype(rows.dtype)))
+def _widen(typingctx: Any) -> Any:
+    """Let the loops of a function use the widest vectors that the processor has.
 
-
-@overload(holds, jit_options=INLINE, strict=False)
-def _holds(z: Any, row: Any, stride: Any, lane: Any, values: Any) -> Any:
-    places: list[str] = []
-    _entrywise(values, lambda i: places.append(i) or "")
-    each = (f"(z[(row + {k}) * stride + lane] == real(values{i}))" for k, i in enumerate(places))
-    names = {"real": np.float32 if z.dtype == types.float32 else np.float64}
-    return _implementation("z, row, stride, lane, values", " & ".join(each) or "True", names)
-
-
-def weighted(z: Any, row: int, stride: int, lane: int, values: Any, like: Any) -> Any:
-    """Return a matrix times a vector, as a tuple of the kind of `like`.
-
-    Parameters
-    ----------
-    z, row, stride, lane
-        Where the matrix lies, row by row (see `load`).
-    values : tuple
-        The vector: a tuple of numbers or of tuples.
-    like : tuple
-        Has as many numbers as the matrix has rows.
+    LLVM holds processors with vectors of 512 bits to 256, as the first of them slowed down.
     """
-    vector = np.array(tree.flat(values))
-    size = len(tree.flat(like)) * len(vector)
-    matrix = np.asarray(z).reshape(-1, stride)[row : row + size, lane].reshape(-1, len(vector))
-    return tree.unflat(like, (matrix @ vector).tolist())
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        set.add(
+            builder.function.attributes, '"prefer-vector-width"="512"'
+        )  # llvmlite knows no such
+        return context.get_dummy_value()
+
+    return types.void(), codegen
 
 
-@overload(weighted, jit_options=INLINE, strict=False)
-def _weighted(z: Any, row: Any, stride: Any, lane: Any, values: Any, like: Any) -> Any:
-    places: list[str] = []
-    _entrywise(values, lambda i: places.append(i) or "")
-    rows = iter(range(10**6))
+widen: Any = intrinsic(_widen)
 
-    def entry(_: str) -> str:
-        first = next(rows) * len(places)
-        terms = (
-            f"z[(row + {first + k}) * stride + lane] * values{i}" for k, i in enumerate(places)
-        )
-        return " + ".join(terms)
 
-    body, names = _entrywise(like, entry)
-    return _implementation("z, row, stride, lane, values, like", body, names)
+def _disjoint(typingctx: Any) -> Any:
+    """Promise that no array which a function writes to overlaps another one that it is given.
+
+    Without it a loop that looks up a table and writes elsewhere takes one car at a time.
+    """
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        for each in builder.function.args[1:]:  # the first is where the result goes
+            if isinstance(each.type, ir.PointerType):
+                each.add_attribute("noalias")
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
+
+disjoint: Any = intrinsic(_disjoint)
 
 
 def aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
@@ -387,6 +301,11 @@ def aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:
     return raw[skip : skip + size].view(kind).reshape(shape)
 
 
+def entry(function: Any, *examples: Any) -> Any:
+    """Compile a kernel for arguments like `examples`; return what takes them without looking."""
+    return function.compile(tuple(numba.typeof(each) for each in examples))
+
+
 def compiles(function: Any, *examples: Any) -> str:
     """Return why `function` does not compile for arguments like `examples`; empty if it does."""
     try:
@@ -394,10 +313,3 @@ def compiles(function: Any, *examples: Any) -> str:
     except NumbaError as error:
         return str(error)
     return ""
-
-
-# What compiled code has in another form, above.
-_REGISTERED: set[Any] = {
-    *(tree.advance, tree.add, tree.combine, tree.times, tree.bounded),
-    *(load, load_wide, save, holds, weighted, negative_sum, outcome),
-}

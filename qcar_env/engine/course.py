@@ -143,40 +143,28 @@ def course(road: RoadFunctions, car: CarFunctions) -> Course:
 def _turning(road: RoadFunctions, car: CarFunctions) -> Course:
     pieces_of, road_input = road.pieces, car.road_input
 
-    def begin(numbers: Any, phase: Any, endless: Any) -> Any:
+    def begin(numbers, phase, endless):
         made = pieces_of(numbers.road, numbers.speed)
         return made, phase / made.omega if endless > 0.0 else 0.0, made.omega
 
-    def amplitudes(road: Any, ready: Any) -> Any:
+    def amplitudes(road, ready):
         return road_input(road.h, 0.0, ready), road_input(0.0, road.h * road.omega, ready)
 
-    def next_kink(kink: Any, road: Any, speed: Any, table: Any) -> Any:
+    def next_kink(kink, road, speed, table):
         return kink_time(kink, road)
 
-    def jump(kink: Any, fixed: Any, table: Any) -> Any:
+    def jump(kink, fixed, table):
         return fixed.road.h if fixed.road.omega == 0.0 and kink % 2 == 0 else 0.0
 
-    def after(w: Any, kink: Any, fixed: Any) -> Any:
+    def after(w, kink, fixed):
         return Phasors(piece_phasor(kink, fixed.road), w.force)
 
-    def reading(t: Any, kink: Any, w: Any, fixed: Any, table: Any) -> Any:
+    def reading(t, kink, w, fixed, table):
         y = fixed.road.h * w.road.s
         y_dot = fixed.road.h * fixed.road.omega * w.road.c
         return y, y_dot, input_of(w, fixed.turning)
 
-    def steps(
-        rate: Any,
-        x: Any,
-        w: Any,
-        turning: Any,
-        step: Any,
-        n: Any,
-        t: Any,
-        kink: Any,
-        command: Any,
-        fixed: Any,
-        table: Any,
-    ) -> Any:
+    def steps(rate, x, w, turning, step, n, t, kink, command, fixed, table):
         for _ in range(n):
             x, w = turning_step(rate, x, w, turning, step, command, fixed)
         return x, w
@@ -189,50 +177,38 @@ def _read(road: RoadFunctions, car: CarFunctions) -> Course:
     height, slope, kink_at, jump_at = road.height, road.slope, road.kink, road.jump
     road_input = car.road_input
 
-    def begin(numbers: Any, phase: Any, endless: Any) -> Any:
+    def begin(numbers, phase, endless):
         return numbers.road, 0.0, 0.0
 
-    def amplitudes(road: Any, ready: Any) -> Any:
+    def amplitudes(road, ready):
         return road_input(0.0, 0.0, ready), road_input(0.0, 0.0, ready)
 
-    def phasor(t: Any, kink: Any, road: Any) -> Any:
+    def phasor(t, kink, road):
         return Phasor(0.0, 0.0)
 
-    def next_kink(kink: Any, road: Any, speed: Any, table: Any) -> Any:
+    def next_kink(kink, road, speed, table):
         return kink_at(kink, road, table) / speed
 
-    def jump(kink: Any, fixed: Any, table: Any) -> Any:
+    def jump(kink, fixed, table):
         return jump_at(kink, fixed.road, table)
 
-    def after(w: Any, kink: Any, fixed: Any) -> Any:
+    def after(w, kink, fixed):
         return w
 
-    def on_road(t: Any, kink: Any, fixed: Any, table: Any) -> Any:
+    def on_road(t, kink, fixed, table):
         s = fixed.speed * t
         y = height(s, kink, fixed.road, table)
         return road_input(y, slope(s, kink, fixed.road, table) * fixed.speed, fixed.car)
 
     compiled_apart(on_road)
 
-    def reading(t: Any, kink: Any, w: Any, fixed: Any, table: Any) -> Any:
+    def reading(t, kink, w, fixed, table):
         s = fixed.speed * t
         y = height(s, kink, fixed.road, table)
         y_dot = slope(s, kink, fixed.road, table) * fixed.speed
         return y, y_dot, Input(road_input(y, y_dot, fixed.car), fixed.turning.F * w.force.c)
 
-    def steps(
-        rate: Any,
-        x: Any,
-        w: Any,
-        turning: Any,
-        step: Any,
-        n: Any,
-        t: Any,
-        kink: Any,
-        command: Any,
-        fixed: Any,
-        table: Any,
-    ) -> Any:
+    def steps(rate, x, w, turning, step, n, t, kink, command, fixed, table):
         for k in range(n):
             x, w = given_step(
                 rate,

@@ -26,7 +26,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from qcar_env.engine.compile import compiled, compiled_apart, load, save, weighted
+from qcar_env.engine.compile import (
+    compiled,
+    compiled_apart,
+)
+from qcar_env.engine.tuples import (
+    load,
+    save,
+    weighted,
+)
 from qcar_env.physics import tree
 from qcar_env.physics.motion import Phasor, Phasors, angle, input_of, turn_both
 
@@ -60,7 +68,7 @@ def exact(rate: Any, state: Any, command: Any) -> Exact:
     N = W + 4
 
     @compiled_apart
-    def generator(fixed: Any) -> Any:
+    def generator(fixed):
         """Return the first rows of M, shape (S, N)."""
         found, unit, column = np.zeros((S, N)), np.zeros(N), np.empty(S)
         for i in range(N):
@@ -73,7 +81,7 @@ def exact(rate: Any, state: Any, command: Any) -> Exact:
         return found
 
     @compiled
-    def turned(E: Any, by: Any) -> None:
+    def turned(E, by):
         """Write the rows of commands that rest and of phasors turned by an angle."""
         E[S:] = 0.0
         for i in range(S, W):
@@ -85,7 +93,7 @@ def exact(rate: Any, state: Any, command: Any) -> Exact:
             E[i + 1, i + 1] = each.c
 
     @compiled_apart
-    def product(a: Any, b: Any, out: Any) -> None:
+    def product(a, b, out):
         """Write the first rows of a matrix product."""
         for i in range(S):
             for k in range(N):
@@ -95,7 +103,7 @@ def exact(rate: Any, state: Any, command: Any) -> Exact:
                     out[i, k] += a[i, j] * b[j, k]
 
     @compiled
-    def size_of(A: Any) -> Any:
+    def size_of(A):
         """Return the largest sum of a column."""
         largest = 0.0
         for k in range(S):
@@ -106,7 +114,7 @@ def exact(rate: Any, state: Any, command: Any) -> Exact:
         return largest
 
     @compiled
-    def alpha_of(M: Any) -> Any:
+    def alpha_of(M):
         A = np.zeros((N, N))
         A[:S, :S] = M[:S, :S]
         square, fourth, fifth = np.zeros((N, N)), np.zeros((N, N)), np.zeros((N, N))
@@ -116,7 +124,7 @@ def exact(rate: Any, state: Any, command: Any) -> Exact:
         return max(math.sqrt(math.sqrt(size_of(fourth))), size_of(fifth) ** 0.2)
 
     @compiled_apart
-    def map_of(fixed: Any, t: Any) -> Any:
+    def map_of(fixed, t):
         """Return the map of a time, the first S rows of an array (N, N)."""
         omega, Omega = fixed.omega, fixed.force.Omega
         M = np.zeros((N, N))
@@ -148,32 +156,18 @@ def exact(rate: Any, state: Any, command: Any) -> Exact:
         return E
 
     @compiled_apart
-    def keep(p: Any, row: Any, stride: Any, lane: Any, fixed: Any, t: Any) -> None:
+    def keep(p, row, stride, lane, fixed, t):
         E = map_of(fixed, t)
         for i in range(S):
             for k in range(N):
                 p[(row + i * N + k) * stride + lane] = E[i, k]
 
     @compiled
-    def apply(
-        p: Any, row: Any, stride: Any, lane: Any, x: Any, w: Any, command: Any, turning: Any
-    ) -> Any:
+    def apply(p, row, stride, lane, x, w, command, turning):
         x = weighted(p, row, stride, lane, (x, command, w), STATE)
         return x, turn_both(w, turning.by)
 
-    def steps(
-        rate: Any,
-        x: Any,
-        w: Any,
-        turning: Any,
-        step: Any,
-        n: Any,
-        t: Any,
-        kink: Any,
-        command: Any,
-        fixed: Any,
-        table: Any,
-    ) -> Any:
+    def steps(rate, x, w, turning, step, n, t, kink, command, fixed, table):
         time = n * step.full
         found = map_of(fixed, time).ravel()
         x = weighted(found, 0, 1, 0, (x, command, w), STATE)

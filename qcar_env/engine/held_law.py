@@ -17,7 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from qcar_env.engine.compile import LANES, compiled, kernel, source_stamp
+from qcar_env.engine.compile import (
+    LANES,
+    compiled,
+    kernel,
+    source_stamp,
+)
 
 HIGHEST = np.finfo(np.float32).max
 
@@ -38,32 +43,12 @@ def driver(step: Any, act: Any) -> Any:
     sources = source_stamp(driver, act)
 
     @kernel
-    def drive(
-        slabs: Any,
-        clocks: Any,
-        fixed_slabs: Any,
-        blocks: Any,
-        tables: Any,
-        bounds: Any,
-        scratch: Any,
-        dt: Any,
-        n: Any,
-        rewards: Any,
-        push: Any,
-        ends: Any,
-        seen: Any,
-        actions: Any,
-        gains: Any,
-        group: Any,
-        shared: Any,
-        intervals: Any,
-        window: Any,
-        row: Any,
-        peak: Any,
-    ) -> None:
+    def drive(fleet, outputs, seen, actions, gains, group, shared, intervals, window, peak):
         sources  # noqa: B018  # pyright: ignore  part of the cache's key
-        for block in range(slabs.shape[0]):
+        rewards, push, ends = outputs
+        for block in range(fleet[0].shape[0]):
             first, last = block * LANES, min((block + 1) * LANES, seen.shape[0])
+            x = fleet[0][block]  # which begins with x1, x2
             for k in range(intervals):
                 for i in range(first, last):
                     action = actions[i]
@@ -71,29 +56,11 @@ def driver(step: Any, act: Any) -> Any:
                     for a in range(action.shape[0]):
                         if not abs(action[a]) <= HIGHEST:
                             action[a], peak[i] = 0.0, np.nan
-                step(
-                    slabs,
-                    clocks,
-                    fixed_slabs,
-                    blocks,
-                    tables,
-                    bounds,
-                    scratch,
-                    0,
-                    block,
-                    block + 1,
-                    actions,
-                    dt,
-                    n,
-                    seen,
-                    rewards,
-                    push,
-                    ends,
-                )
+                step(*fleet, block, block + 1, actions, seen, rewards, push, ends)
                 if k >= intervals - window:
                     for mass in range(2):
                         for i in range(first, last):
-                            size = abs(slabs[block, (row + mass) * LANES + i - first])
+                            size = abs(x[mass * LANES + i - first])
                             if size > peak[i, mass] or math.isnan(size):
                                 peak[i, mass] = size
 

@@ -40,6 +40,5 @@ class Layout:
 
 def columns(slabs: NDArray[Any], row: int, count: int, n: int) -> NDArray[np.float64]:
     """Return `count` rows from `row` on of `n` cars, shape (count, n)."""
-    lanes = LANES if len(slabs.shape) == 2 and slabs.shape[1] % LANES == 0 else 1
-    parts = slabs.reshape(len(slabs), -1, lanes)
-    return parts[:, row : row + count].transpose(1, 0, 2).reshape(count, -1)[:, :n].astype(float)
+    parts = slabs.reshape(len(slabs), -1, LANES)[:, row : row + count]
+    return parts.transpose(1, 0, 2).reshape(count, len(slabs) * LANES)[:, :n].astype(float)

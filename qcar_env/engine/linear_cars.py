@@ -9,8 +9,9 @@ from __future__ import annotations
 import warnings
 from typing import Any, Protocol
 
-from qcar_env.engine.cars import Cars, Plan
+from qcar_env.engine.cars import Cars
 from qcar_env.engine.starts import CHOICE
+from qcar_env.engine.storage import Plan
 
 QUANTILES = (0.25, 0.5, 0.75)  # at which drawn numbers are looked at
 

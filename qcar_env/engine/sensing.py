@@ -15,8 +15,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from qcar_env.engine.compile import compiled, each_by_its_own, load, save
+from qcar_env.engine.compile import (
+    compiled,
+    each_by_its_own,
+)
 from qcar_env.engine.random import standard
+from qcar_env.engine.tuples import (
+    load,
+    save,
+)
 
 TURN = 2.0 * math.pi  # [rad]
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -82,18 +89,7 @@ def _reading(sensed: Sensed, number: int, offset: int) -> Any:
     which, kind, delay, period, filtered = sensed
     measure: Any = getattr(kind, "measure")  # noqa: B009 - of a class of sensors
 
-    def read(
-        value: Any,
-        z: Any,
-        row: Any,
-        stride: Any,
-        j: Any,
-        noise: Any,
-        elapsed: Any,
-        dt: Any,
-        p: Any,
-        begin: Any,
-    ) -> Any:
+    def read(value, z, row, stride, j, noise, elapsed, dt, p, begin):
         numbers = p[which]
         first = (row + offset) * stride + j
         if filtered:
@@ -121,10 +117,10 @@ def delaying(delay: int, size: int, like: Any) -> Any:
     The queue of commands, each a tuple like `like` of `size` numbers, lies in slab `z` from `row`.
     """
 
-    def at_once(z: Any, row: Any, stride: Any, j: Any, command: Any) -> Any:
+    def at_once(z, row, stride, j, command):
         return command
 
-    def later(z: Any, row: Any, stride: Any, j: Any, command: Any) -> Any:
+    def later(z, row, stride, j, command):
         oldest = load(z, row, stride, j, like)
         for k in range(delay - 1):
             save(z, row + k * size, stride, j, load(z, row + (k + 1) * size, stride, j, like))

@@ -71,8 +71,8 @@ class Nominal(NamedTuple):
     term_scales: Any  # what each term's readings are multiplied by
 
 
-class Fixed(NamedTuple):
-    """What stays the same during an episode."""
+class Driven(NamedTuple):
+    """What stays the same during an episode and moves the car: what signals read."""
 
     car: Any  # numbers as the car's functions take them
     road: Any  # the same of the road
@@ -81,8 +81,13 @@ class Fixed(NamedTuple):
     force: Any  # Force
     turning: Any  # Turning, of whole steps
     actuator: Any
-    sensors: Any
-    scales: Any
+
+
+class Read(NamedTuple):
+    """What stays the same during an episode and says how the car is read and judged."""
+
+    sensors: Any  # a tuple
+    scales: Any  # see `Nominal`
     terms: Any
     term_scales: Any
     inverse_X1: Any  # [1/m]

@@ -1,4 +1,4 @@
-"""The environment of one car."""
+"""The environment of one car. Its docstring is its page in the documentation: hence the length."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from qcar_env.engine.cars import NOT_FINITE, OVER, SHOWN, Car
+from qcar_env.engine.car import NOT_FINITE, OVER, Car
+from qcar_env.engine.storage import SHOWN
 from qcar_env.envs import episode as task
 from qcar_env.envs.picture import Picture, forces
 from qcar_env.physics.state import State

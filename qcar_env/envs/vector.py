@@ -1,9 +1,12 @@
-"""The environment of many cars, stepped together by the compiled engine."""
+"""The environment of many cars, stepped together by the compiled engine.
+
+Its length is that of Gymnasium's interface: one class, with what each method takes and gives.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
@@ -13,14 +16,14 @@ from numpy.typing import NDArray
 
 from qcar_env.engine import cars as batch
 from qcar_env.engine.linear_cars import LinearCars, check_linear
-from qcar_env.engine.random import streams
 from qcar_env.engine.starts import OBSERVATION_LIMIT
-from qcar_env.envs import episode as task
+from qcar_env.engine.storage import BOOL, SHOWN
+from qcar_env.envs import episode as task, starting
 from qcar_env.envs.picture import Picture, forces
+from qcar_env.envs.starting import Drawn
 from qcar_env.physics.state import State
 from qcar_env.scenarios import Scenario, scenario as find_scenario
-from qcar_env.scenarios.plan import Plan
-from qcar_env.validation import finite, known, whole
+from qcar_env.validation import known
 
 if TYPE_CHECKING:
     from qcar_env.envs.rendering import Painter
@@ -131,9 +134,10 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         self._mode = MODES[self.autoreset_mode]
         names = [each.name for each in drawn.plan.terms]
         self.terms = (*(f"reward_{name}" for name in names), "reward_travel")
+        self._names = [(i, name, f"_{name}") for i, name in enumerate(self.terms, 1)]
         self._started = False
         self._later = False  # whether cars may draw from something else than what they run on
-        self._every = np.ones(self.num_envs, batch.BOOL)  # the mask of what all cars have
+        self._every = np.ones(self.num_envs, BOOL)  # the mask of what all cars have
         self._every.flags.writeable = False
         self.render_mode = render_mode
         shown = range(self.num_envs) if render_cars is None else render_cars
@@ -157,7 +161,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         """
         semi_active = hasattr(self._given[0].base.actuator, "c_max")
         path = "actuator.c_max" if semi_active else "actuator.limit.0"
-        return self._cars.fixed(path, self._cars.actions).T
+        return self._cars.driven(path, self._cars.actions).T
 
     def scenario_of(self, car: int) -> Scenario:
         """Return the scenario from which a car draws its episodes."""
@@ -206,14 +210,16 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
             then.
         """
         options = dict(options or {})
-        mask = self._mask(options.pop("reset_mask", None))
+        n, first = self.num_envs, not self._started
+        mask = starting.reset_mask(n, options.pop("reset_mask", None), self._started)
         for key in options:
             known("reset option", key, (*task.RESET_OPTIONS, "reset_mask"))
         chosen = np.flatnonzero(mask)
         changes = {name: options[name] for name in ("scenario", "force_scale") if name in options}
-        drawn = self._changed(chosen, changes) if changes else {}
-        given = self._starts(chosen, drawn, options)
-        seeded, states = self._streams(chosen, seed)
+        drawn = starting.changed(self._given, chosen, changes, self._drawn) if changes else {}
+        following = {i: drawn.get(i) or self._given[i] for i in chosen.tolist()}
+        given = starting.starts(following, n, options)
+        seeded, states = starting.seeded(n, chosen, seed, first)
         self._take(drawn)  # nothing changes before every option is known to be good
         if isinstance(seed, (int, np.integer)):
             super().reset(seed=int(seed))
@@ -265,17 +271,17 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         ResetNeeded
             Before the first reset.
         """
-        done = self.advance(actions)
+        seen, rewards, force, ends, begun = self.advance(actions)
         every = self._every
-        info: dict[str, Any] = {"force": done.force, "_force": every}
-        for i, name in enumerate(self.terms):
-            info[name], info[f"_{name}"] = done.rewards[1 + i], every
-        if done.begun is not None:
-            self._add_begun(info, done)
-        return done.seen, done.rewards[0], done.ends[0], done.ends[1], info
+        info: dict[str, Any] = {"force": force, "_force": every}
+        for i, name, mask in self._names:
+            info[name], info[mask] = rewards[i], every
+        if begun is not None:
+            self._add_begun(info, begun)
+        return seen, rewards[0], ends[0], ends[1], info
 
-    def advance(self, actions: NDArray[np.float32]) -> batch.Interval:
-        """Do what `step` does, and return what the engine does."""
+    def advance(self, actions: NDArray[np.float32]) -> tuple[Any, Any, Any, Any, Any]:
+        """Do what `step` does; return what `qcar_env.engine.cars.Cars.step` does."""
         if not self._started:
             raise gym.error.ResetNeeded("no episode yet; call reset before step")
         return self._cars.step(self._checked(actions), self._mode)
@@ -284,7 +290,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         """Return actions as an array of the kind that the engine takes."""
         if (
             type(actions) is np.ndarray
-            and actions.dtype == batch.SHOWN
+            and actions.dtype == SHOWN
             and actions.shape == self._shape
             and actions.flags.c_contiguous
         ):
@@ -353,20 +359,19 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
     def close_extras(self, **kwargs: Any) -> None:
         """Hold nothing that needs closing."""
 
-    def _add_begun(self, info: dict[str, Any], done: batch.Interval) -> None:
+    def _add_begun(self, info: dict[str, Any], begun: batch.Begun) -> None:
         """Add what is to be known of the cars that have begun their next episode."""
-        cars: Any = done.begun
-        again = np.zeros(self.num_envs, batch.BOOL)
+        cars = begun.cars
+        again = np.zeros(self.num_envs, BOOL)
         again[cars] = True
         if self._later:
             for i in cars.tolist():
                 self._running[i] = self._given[i]
-        info["phase"] = np.where(again, self._cars.phases, 0.0)
-        info["_phase"] = again
+        info["phase"], info["_phase"] = begun.phases, again
         others = ~again
-        for name in self.terms:
-            info[f"_{name}"] = others
-        if done.finals is not None:
+        for _, _, mask in self._names:
+            info[mask] = others
+        if begun.finals is not None:
             last: dict[str, Any] = {}
             for name in ("force", *self.terms):
                 last[name] = np.zeros_like(info[name])
@@ -375,62 +380,13 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
                 info[name][cars] = 0.0  # as after the reset
             # a reward is of the interval that ended; only its terms are
             final = np.full(self.num_envs, None, dtype=object)
-            for i, seen in zip(cars.tolist(), done.finals, strict=True):
+            for i, seen in zip(cars.tolist(), begun.finals, strict=True):
                 final[i] = seen
             info |= {"final_obs": final, "_final_obs": again}
             info |= {"final_info": last, "_final_info": again}
         if len(cars) == self.num_envs:
-            for name in self.terms:
-                del info[name], info[f"_{name}"]
-
-    def _mask(self, given: Any) -> NDArray[np.bool_]:
-        if given is None:
-            return np.ones(self.num_envs, batch.BOOL)
-        mask = np.asarray(given)
-        if mask.shape != (self.num_envs,) or mask.dtype != batch.BOOL or not mask.any():
-            raise ValueError(
-                f"reset_mask must be an array ({self.num_envs},) of bool with a true entry, got "
-                f"shape {mask.shape} of {mask.dtype}; mark the cars that begin again"
-            )
-        if not (self._started or mask.all()):
-            raise ValueError(
-                f"reset_mask must mark all cars in the first reset, got {np.count_nonzero(mask)} "
-                f"of {self.num_envs}; leave it out"
-            )
-        return mask
-
-    def _streams(
-        self, chosen: NDArray[np.intp], seed: int | Sequence[int | None] | None
-    ) -> tuple[NDArray[np.intp], NDArray[np.uint64]]:
-        """Return which cars get other random streams, and these."""
-        first = not self._started
-        if seed is None and not first:
-            return np.zeros(0, np.intp), np.zeros((0, 4), np.uint64)
-        if seed is None or isinstance(seed, (int, np.integer)):
-            start = None if seed is None else whole("seed", seed, 0)
-            each = [None if start is None else start + i for i in range(self.num_envs)]
-        elif isinstance(seed, Iterable) and not isinstance(seed, (str, bytes)):
-            each = [None if one is None else whole("seed of a car", one, 0) for one in seed]
-        else:
-            raise ValueError(f"seed must be a whole number or one for each car, got {seed!r}")
-        if len(each) != self.num_envs:
-            raise ValueError(
-                f"seed must be one number or {self.num_envs} of them, got {len(each)}; "
-                "give one for each car"
-            )
-        cars = [i for i in chosen.tolist() if first or each[i] is not None]
-        return np.array(cars, dtype=np.intp), streams(each[i] for i in cars)
-
-    def _each(self, name: str, value: Any, one: tuple[type, ...]) -> list[Any]:
-        """Return the values of an option, one for each car."""
-        if isinstance(value, one) or np.ndim(value) == 0:
-            return [value] * self.num_envs
-        if len(value) != self.num_envs:
-            raise ValueError(
-                f"{name} must be one value or {self.num_envs} of them, got {len(value)}; "
-                "give one for each car"
-            )
-        return list(value)
+            for _, name, mask in self._names:
+                del info[name], info[mask]
 
     @property
     def nbytes(self) -> int:
@@ -471,22 +427,8 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         """
         for key in options:
             known("option", key, ("scenario", "force_scale"))
-        self._take(self._changed([self._known_car(car) for car in chosen], options))
-
-    def _changed(self, chosen: Iterable[int], options: dict[str, Any]) -> dict[int, Drawn]:
-        """Return what each of the chosen cars draws from, with these options."""
-        drawn = {int(i): self._given[i] for i in chosen}
-        scenarios = self._each("scenario", options.get("scenario"), (str, Scenario, type(None)))
-        scales = self._each("force_scale", options.get("force_scale"), (int, float, type(None)))
-        made: dict[tuple[int, float], Drawn] = {}
-        for i, before in drawn.items():
-            own = before.own if scenarios[i] is None else find_scenario(scenarios[i])
-            scale = before.force_scale if scales[i] is None else task.force_scale(scales[i])
-            key = id(own), scale
-            if key not in made:
-                made[key] = self._drawn(own, scale)
-            drawn[i] = made[key]
-        return drawn
+        cars = [self._known_car(car) for car in chosen]
+        self._take(starting.changed(self._given, cars, options, self._drawn))
 
     def _drawn(self, own: Scenario, scale: float) -> Drawn:
         plan = self._settings.plan(own, scale)
@@ -503,7 +445,7 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         return Drawn(own, scale, plan)
 
     def _take(self, drawn: dict[int, Drawn]) -> None:
-        """Let cars draw from what `_changed` has returned."""
+        """Let cars draw from what `starting.changed` has returned."""
         groups: dict[int, tuple[Drawn, list[int]]] = {}
         for i, each in drawn.items():
             if each is not self._given[i]:
@@ -513,53 +455,6 @@ class QuarterCarHumpVectorEnv(VectorEnv[NDArray[np.float32], NDArray[np.float32]
         for i, each in drawn.items():
             self._given[i] = each
         self._later = self._later or bool(groups)
-
-    def _starts(
-        self, chosen: NDArray[np.intp], drawn: dict[int, Drawn], options: dict[str, Any]
-    ) -> NDArray[np.float64]:
-        """Return states and phases that are given, (n, 5), not a number where they are drawn."""
-        given = np.full((self.num_envs, 5), np.nan)
-        if "state" in options:
-            states = self._states(options["state"])
-            for i in chosen.tolist():
-                if states[i] is not None:
-                    given[i, :4] = task.given_state(
-                        states[i], (drawn.get(i) or self._given[i]).base
-                    )
-        if "phase" in options:
-            phases = self._each("phase", options["phase"], (int, float))
-            for i in chosen.tolist():
-                if phases[i] is not None:
-                    given[i, 4] = finite("phase", phases[i], "rad")
-        return given
-
-    def _states(self, given: Any) -> Sequence[Any]:
-        """Return the state that each car starts in, None where it is drawn."""
-        some = isinstance(given, Sequence) and any(each is None for each in given)
-        if some and len(given) == self.num_envs:
-            return given
-        states = task.numbers("state", given)
-        if states.ndim == 1:
-            states = np.tile(states, (self.num_envs, 1))
-        if states.shape != (self.num_envs, 4):
-            raise ValueError(
-                f"state must have shape (4,) or ({self.num_envs}, 4), got {states.shape}; "
-                "give (x1, x2, v1, v2) for each car"
-            )
-        return list(states)
-
-
-class Drawn(NamedTuple):
-    """What a car draws its episodes from."""
-
-    own: Scenario
-    force_scale: float
-    plan: Plan
-
-    @property
-    def base(self) -> Scenario:
-        """The scenario with that scale, and the environment's duration."""
-        return self.plan.scenario
 
 
 def _mode(given: AutoresetMode | str) -> AutoresetMode:

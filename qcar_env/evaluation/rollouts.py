@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.engine.cars import NEXT_STEP, Cars, streams
+from qcar_env.engine.cars import NEXT_STEP, Cars
+from qcar_env.engine.random import streams
 from qcar_env.envs import episode as task
 from qcar_env.evaluation import metrics
 from qcar_env.evaluation.policy import Policy, actions_of, check_policy
@@ -242,19 +243,19 @@ def rollouts(
                 f"action must be finite, got {action[~np.isfinite(action).all(axis=1)][0]} "
                 f"{k * dt:g} s after the start; allowed range is [-1, 1]"
             )
-        done = cars.step(np.clip(action, -1.0, 1.0).astype(np.float32), NEXT_STEP)
-        seen = done.seen
+        clipped = np.clip(action, -1.0, 1.0).astype(np.float32)
+        seen, rewards, pushed, ends, begun = cars.step(clipped, NEXT_STEP)
         begins = np.zeros(n, dtype=bool)
-        if done.begun is not None:
-            begins[done.begun] = True
+        if begun is not None:
+            begins[begun.cars] = True
         row = k - (steps - rows)
-        out = done.ends[0] & ~over
+        out = ends[0] & ~over
         if row >= 0 or out.any():
             states = cars.states
             if over.any():
                 states[over] = end[over]
             if row >= 0:
-                x[row], force[row], reward[row] = states, done.force, done.rewards[0]
+                x[row], force[row], reward[row] = states, pushed, rewards[0]
                 others[row] = seen[:, len(shown) :]
             if out.any():
                 lasted[out] = max(1, row + 1)

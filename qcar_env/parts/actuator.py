@@ -226,7 +226,8 @@ class LaggedSuspensionActuator(Actuator):
     @staticmethod
     def rate(memory: Any, command: Any, travel_rate: Any, p: Any) -> Force:
         """Return the rate of the force [N/s]."""
-        return Force(clamp((command[0] - memory.F) / p.lag, -p.rate_limit, p.rate_limit))
+        inverse = 1.0 / p.lag  # the same at all stages of a step, and taken once
+        return Force(clamp((command[0] - memory.F) * inverse, -p.rate_limit, p.rate_limit))
 
     @staticmethod
     def force(memory: Any, command: Any, travel_rate: Any, p: Any) -> tuple[Any, Any]:
@@ -343,7 +344,8 @@ class LaggedSemiActiveDamper(_Valve):
     @staticmethod
     def rate(memory: Any, command: Any, travel_rate: Any, p: Any) -> Damping:
         """Return the rate of the damping [N/m]."""
-        return Damping((command[0] - memory.c) / p.lag)
+        inverse = 1.0 / p.lag  # the same at all stages of a step, and taken once
+        return Damping((command[0] - memory.c) * inverse)
 
     @staticmethod
     def force(memory: Any, command: Any, travel_rate: Any, p: Any) -> tuple[Any, Any]:

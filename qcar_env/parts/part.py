@@ -116,20 +116,20 @@ def _numbers(value: Any) -> Any:
 
 def least(a: Any, b: Any) -> Any:
     """Return the smaller of two numbers."""
-    return a * (a <= b) + b * (b < a)
+    return a * (a <= b) + b * (b < a) + 0.0
 
 
 def most(a: Any, b: Any) -> Any:
     """Return the larger of two numbers."""
-    return a * (a >= b) + b * (b > a)
+    return a * (a >= b) + b * (b > a) + 0.0
 
 
 def positive_part(value: Any) -> Any:
     """Return a finite number where it is above zero, else zero."""
-    return value * (value > 0.0)
+    return value * (value > 0.0) + 0.0
 
 
 def clamp(value: Any, low: Any, high: Any) -> Any:
     """Return `value` held within ``[low, high]``; all three are finite."""
     inside = (value >= low) * (value <= high)
-    return value * inside + low * (value < low) + high * (value > high)
+    return value * inside + low * (value < low) + high * (value > high) + 0.0

@@ -161,17 +161,3 @@ def input_of(phasors: Any, turning: Any) -> Input:
         combine(turning.road_s, phasors.road.s, turning.road_c, phasors.road.c),
         turning.F * phasors.force.c,
     )
-
-
-def four_turning_steps(
-    rate: Any, x: Any, phasors: Any, turning: Any, step: Any, *args: Any
-) -> tuple[Any, Phasors]:
-    """Advance by four RK4 steps (see `turning_step`), written out.
-
-    A compiler then keeps the state at hand from one step to the next, and takes the input at the
-    end of one for that at the beginning of the next.
-    """
-    x, phasors = turning_step(rate, x, phasors, turning, step, *args)
-    x, phasors = turning_step(rate, x, phasors, turning, step, *args)
-    x, phasors = turning_step(rate, x, phasors, turning, step, *args)
-    return turning_step(rate, x, phasors, turning, step, *args)

@@ -2,7 +2,7 @@
 
 A state is a named tuple of numbers, or of other named tuples: a car, the memory of its actuator,
 a control filter. Entries are floats, arrays ``(n,)`` or torch tensors; compiled code has the same
-three functions (`qcar_env.engine.compile`).
+functions (`qcar_env.engine.tuples`).
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 profile      what a road is, and what every finite shape is
 shapes       sine, humps, bars, steps
+flat_tops    tables and cushions: humps with a plateau between ramps
+sum_of_sines an endless sum of sines
 train        several humps of one shape
 functions    a road from plain Python functions
 measured     a road from samples

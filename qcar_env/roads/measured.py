@@ -75,11 +75,8 @@ def locate(s: float, piece: int, table: Any) -> tuple[int, float]:
     head = 1 + HEAD * piece
     begin, spacing = table[head], table[head + 1]
     steps, last = (s - begin) / spacing, table[head + 2] - 1.0
-    i = 0  # also for what is no number
-    if steps >= last:
-        i = int(last)
-    elif steps > 0.0:
-        i = int(steps)
+    steps = steps if steps > 0.0 else 0.0  # also for what is no number
+    i = int(last if steps > last else steps)
     return int(table[head + 3]) + 4 * i, s - (begin + i * spacing)
 
 

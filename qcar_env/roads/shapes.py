@@ -9,15 +9,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from qcar_env.parts.part import number, text
-from qcar_env.roads.profile import Road, Shape, frozen
-from qcar_env.validation import finite, finite_array, non_negative, positive, shown, store
+from qcar_env.parts.part import number
+from qcar_env.roads.profile import Road, Shape
+from qcar_env.validation import finite, positive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -333,139 +329,6 @@ def pothole(*, depth: float, L: float, start: float = 0.0) -> OneMinusCosine:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RampedTop(Shape):
-    """Base of the flat tops: a ramp up, a plateau, a ramp down.
-
-    Parameters
-    ----------
-    h, start : float
-        As of `Shape` [m].
-    ramp : float
-        Length of each ramp [m].
-    top : float
-        Length of the plateau [m].
-    """
-
-    kink_count: ClassVar[int] = 4
-
-    ramp: float = number("ramp length", "m", positive)
-    top: float = number("plateau length", "m", non_negative)
-
-    @staticmethod
-    def kink(piece: int, p: Any, table: Any) -> float:
-        """Return where a piece ends [m]."""
-        if piece == 0:
-            return p.start
-        if piece == 1:
-            return p.start + p.ramp
-        if piece == 2:
-            return p.start + (p.ramp + p.top)
-        return p.start + (p.ramp + p.top + p.ramp) if piece == 3 else math.inf
-
-
-@dataclass(frozen=True, kw_only=True)
-class FlatTop(RampedTop):
-    """A table with straight ramps, ``y = h x / ramp``; the slope jumps at four places.
-
-    Parameters
-    ----------
-    h, start : float
-        As of `Shape` [m].
-    ramp, top : float
-        Length of each ramp and of the plateau [m].
-
-    Notes
-    -----
-    UK practice: h 75 mm, ramps 1:10 to 1:15; in Leicestershire 1:13 and a plateau of 7 m or more.
-    """
-
-    @classmethod
-    def of_gradient(cls, *, h: float, L: float, gradient: float, start: float = 0.0) -> FlatTop:
-        """Return the table of length `L` [m] whose ramps rise by `gradient` [-], as 1/13.
-
-        Raises
-        ------
-        ValueError
-            If the two ramps are longer than `L`.
-        """
-        ramp = abs(finite("height h", h, "m")) / positive("gradient", gradient)
-        if 2.0 * ramp > positive("length L", L, "m"):
-            raise ValueError(
-                f"length L must hold two ramps of {ramp:g} m, got {L:g} m; "
-                "give a longer one, a lower h or a steeper gradient"
-            )
-        return cls(h=h, ramp=ramp, top=L - 2.0 * ramp, start=start)
-
-    @staticmethod
-    def height(s: float, piece: int, p: Any, table: Any) -> float:
-        """Return the height [m]."""
-        if piece == 1:
-            return p.h * (s - p.start) / p.ramp
-        if piece == 3:
-            return p.h * (p.start + (p.ramp + p.top + p.ramp) - s) / p.ramp
-        return p.h if piece == 2 else 0.0
-
-    @staticmethod
-    def slope(s: float, piece: int, p: Any, table: Any) -> float:
-        """Return the slope [-]."""
-        if piece == 1:
-            return p.h / p.ramp
-        return -p.h / p.ramp if piece == 3 else 0.0
-
-
-def cushion(*, h: float, L: float, gradient: float = 1.0 / 8.0, start: float = 0.0) -> FlatTop:
-    """Return a speed cushion as the wheel that drives over it meets it.
-
-    Parameters
-    ----------
-    h, L : float
-        Height and length [m]; UK: 65 to 75 mm, 2 to 3 m.
-    gradient : float, optional
-        Rise of its ends [-]; UK: 1/8 (recalled).
-    start : float, optional
-        Where it begins [m].
-    """
-    return FlatTop.of_gradient(h=h, L=L, gradient=gradient, start=start)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SmoothFlatTop(RampedTop):
-    """A table with sinusoidal ramps, ``y = h (1 - cos(pi x / ramp)) / 2``: the slope is continuous.
-
-    Parameters
-    ----------
-    h, start : float
-        As of `Shape` [m].
-    ramp, top : float
-        Length of each ramp and of the plateau [m].
-
-    Notes
-    -----
-    Belgian decrees of 1998 and 2002: ramps of 0.85, 1.2 and 1.9 m for 100, 120 and 150 mm.
-    """
-
-    @staticmethod
-    def height(s: float, piece: int, p: Any, table: Any) -> float:
-        """Return the height [m]."""
-        if piece == 1:
-            return 0.5 * p.h * (1.0 - math.cos(math.pi / p.ramp * (s - p.start)))
-        if piece == 3:
-            left = p.start + (p.ramp + p.top + p.ramp) - s
-            return 0.5 * p.h * (1.0 - math.cos(math.pi / p.ramp * left))
-        return p.h if piece == 2 else 0.0
-
-    @staticmethod
-    def slope(s: float, piece: int, p: Any, table: Any) -> float:
-        """Return the slope [-]."""
-        if piece == 1:
-            return 0.5 * p.h * math.pi / p.ramp * math.sin(math.pi / p.ramp * (s - p.start))
-        if piece == 3:
-            left = p.start + (p.ramp + p.top + p.ramp) - s
-            return -0.5 * p.h * math.pi / p.ramp * math.sin(math.pi / p.ramp * left)
-        return 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
 class Step(Road):
     """A road that rises by h at `start` and stays there: a kerb, the paper's Fig. 11.
 
@@ -502,62 +365,3 @@ class Step(Road):
     def jump(piece: int, p: Any, table: Any) -> float:
         """Return the jump of the height where a piece ends [m]."""
         return p.h if piece == 0 else 0.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class SumOfSines(Road):
-    """The road ``y = sum_i amplitudes_i sin(wavenumbers_i s + phases_i)``, without end.
-
-    Parameters
-    ----------
-    amplitudes, wavenumbers, phases : sequence of float (n,)
-        Amplitudes [m], positive wavenumbers [rad/m] and phases [rad].
-
-    Notes
-    -----
-    Each sine costs its own time in every step; a random road of hundreds of them is
-    `qcar_env.roads.iso8608.ISO8608`, which costs as much as one.
-    """
-
-    amplitudes: tuple[float, ...] = text()
-    wavenumbers: tuple[float, ...] = text()
-    phases: tuple[float, ...] = text()
-
-    def __post_init__(self) -> None:
-        """Check every number."""
-        super().__post_init__()
-        units = {"amplitudes": "m", "wavenumbers": "rad/m", "phases": "rad"}
-        found = {
-            name: finite_array(name, getattr(self, name), unit) for name, unit in units.items()
-        }
-        shapes = {name: each.shape for name, each in found.items()}
-        size = found["amplitudes"].size
-        if size == 0 or any(shape != (size,) for shape in shapes.values()):
-            raise ValueError(
-                f"amplitudes, wavenumbers and phases must be of one length of at least 1, "
-                f"got shapes {shown(shapes)}; give one of each for each sine"
-            )
-        for each in found["wavenumbers"].tolist():
-            positive("wavenumbers", each, "rad/m")
-        store(self, **{name: tuple(each.tolist()) for name, each in found.items()})
-
-    @cached_property
-    def table(self) -> NDArray[np.float64]:
-        """Amplitude, wavenumber and phase of one sine after the other, array (3 n,)."""
-        return frozen(np.array([self.amplitudes, self.wavenumbers, self.phases]).T.ravel())
-
-    @staticmethod
-    def height(s: float, piece: int, p: Any, table: Any) -> float:
-        """Return the height [m]."""
-        y = 0.0
-        for i in range(0, len(table), 3):
-            y += table[i] * math.sin(table[i + 1] * s + table[i + 2])
-        return y
-
-    @staticmethod
-    def slope(s: float, piece: int, p: Any, table: Any) -> float:
-        """Return the slope [-]."""
-        y = 0.0
-        for i in range(0, len(table), 3):
-            y += table[i] * table[i + 1] * math.cos(table[i + 1] * s + table[i + 2])
-        return y

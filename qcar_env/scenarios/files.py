@@ -13,7 +13,15 @@ from typing import Any, cast
 from qcar_env.parts import actuator, damper, sensor, spring, tyre
 from qcar_env.parts.part import Part
 from qcar_env.physics import car, external_force
-from qcar_env.roads import functions, iso8608, measured, shapes, train
+from qcar_env.roads import (
+    flat_tops,
+    functions,
+    iso8608,
+    measured,
+    shapes,
+    sum_of_sines,
+    train,
+)
 from qcar_env.scenarios import randomise, reference
 from qcar_env.scenarios.presets import SCENARIOS
 from qcar_env.scenarios.scenario import Scenario
@@ -22,7 +30,7 @@ from qcar_env.validation import known, shown
 _HOMES = (
     *(spring, damper, tyre, actuator, sensor),
     *(car, external_force),
-    *(shapes, train, measured, iso8608, functions),
+    *(shapes, flat_tops, sum_of_sines, train, measured, iso8608, functions),
     *(randomise, reference),
 )
 KIND = "kind"  # the key that names a record's class

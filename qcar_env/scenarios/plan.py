@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from qcar_env.engine.cars import Source
+from qcar_env.engine.composition import Composition
 from qcar_env.engine.course import road_functions
 from qcar_env.engine.sensing import Sensed
 from qcar_env.engine.starts import (
@@ -18,7 +18,7 @@ from qcar_env.engine.starts import (
     Nominal,
     Reference as Amplitudes,
 )
-from qcar_env.engine.stepping import Composition
+from qcar_env.engine.storage import Source
 from qcar_env.physics import tree
 from qcar_env.physics.signals import Signal
 from qcar_env.scenarios.randomise import arrays

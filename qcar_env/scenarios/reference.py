@@ -188,7 +188,7 @@ def _largest(
 
 def _idle(plan: Any, seed: int | None, n: int) -> NDArray[np.float64]:
     """Return the largest reading of each signal of idle cars, from rest or from drawn starts."""
-    from qcar_env.engine.cars import Car
+    from qcar_env.engine.car import Car
 
     car = Car(plan)
     rng = np.random.default_rng(seed)

@@ -52,7 +52,7 @@ def test_torch_and_the_engine_move_the_same_car(scenario):
         action = rng.uniform(-1.0, 1.0, (3, cars.actions)).astype(np.float32)
         z = motion.advance(z, torch.tensor(action))
         seen = motion.seen(z, torch.tensor(action))
-        expected = cars.step(action, SAME_STEP).seen
+        expected = cars.step(action, SAME_STEP)[0]
         # torch works in single precision: sixty intervals of 1e-7 and its growth
         np.testing.assert_allclose(seen.numpy(), expected, rtol=0.0, atol=1e-4)
 
@@ -73,7 +73,7 @@ def test_the_gradient_is_the_slope_of_the_engines_motion(scenario):
         held = np.full((2, m), 0.3, np.float32)
         held[0, -1] = push
         for _ in range(10):
-            seen = motion.cars.step(held, SAME_STEP).seen
+            seen = motion.cars.step(held, SAME_STEP)[0]
         found.append(float(seen[0, 1]))
     # a central difference over 0.1, in float32
     assert float(slope[0, -1]) == pytest.approx((found[0] - found[1]) / 0.1, rel=1e-2)

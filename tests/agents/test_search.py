@@ -27,7 +27,7 @@ def drive(law, crossings, duration):
     peak = np.zeros((cars.n, 2))
     for step in range(steps):
         with torch.no_grad():
-            seen = cars.step(law(torch.as_tensor(seen)).numpy(), SAME_STEP).seen
+            seen = cars.step(law(torch.as_tensor(seen)).numpy(), SAME_STEP)[0]
         if step >= steps - window:
             peak = np.maximum(peak, np.abs(cars.states[:, :2]))
     return peak

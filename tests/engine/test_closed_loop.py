@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 
 from qcar_env.control import CNVC, LAWS, LNVC, NDF
-from qcar_env.engine import closed_loop
-from qcar_env.engine.closed_loop import NEVER, RESEED, Case, Composition, Limits, drive, kink_step
+from qcar_env.engine import closed_loop, loop_kernels
+from qcar_env.engine.closed_loop import Case, drive
 from qcar_env.engine.compile import LANES
 from qcar_env.engine.course import course, road_functions
+from qcar_env.engine.loop_kernels import NEVER, RESEED, Composition, Limits, kink_step
 from qcar_env.engine.starts import Force
 from qcar_env.parts.part import Nothing
 from qcar_env.physics import tree
@@ -57,7 +58,7 @@ def case(road, force, law, start, limits=None, car=PAPER_CAR, step=STEP):
     state = ControlledState(State(*start), law.at_rest)
     what = Composition(
         car.functions,
-        closed_loop.loop_road(functions),
+        loop_kernels.loop_road(functions),
         law.functions,
         made.under(law.numbers, limits),
     )
@@ -248,7 +249,7 @@ def count(pattern, kernel, **options):
 def compiled_loop(law, fused):
     made = case(ROADS["harmonic"], PAPER_FORCE, law, (0, 0, 0, 0))
     run([made], 1, fused=fused)
-    return closed_loop.compose(made[1], False, fused)[1]
+    return loop_kernels.compose(made[1], False, fused)[1]
 
 
 @pytest.mark.slow

@@ -50,7 +50,7 @@ def map_of(cars, car=0):
     layout = cars.kernels.fixed
     size, row = len(layout.trees["map"]), layout.row("map")
     states = len(layout.trees["map"]) // columns_of(cars)
-    slab = cars._fixed[cars._of_block[car // 64, 0]].reshape(-1, 64)
+    slab = cars._arrays["fixed"][cars._arrays["blocks"][car // 64, 0]].reshape(-1, 64)
     return slab[row : row + size, car % 64].reshape(states, -1)
 
 
@@ -173,10 +173,10 @@ def test_randomised_cars_have_each_their_own_map(single):
 def test_cars_that_are_alike_share_one_slab_until_they_differ():
     env = QuarterCarHumpVectorEnv(130, "paper", method="exact")
     env.reset(seed=0)
-    assert len(env._cars._fixed) == 1
+    assert len(env._cars._arrays["fixed"]) == 1
     before = map_of(env._cars, 100)
     env.reset(options={"force_scale": [1.0] * 129 + [0.5]})
-    assert len(env._cars._fixed) == 3
+    assert len(env._cars._arrays["fixed"]) == 3
     np.testing.assert_array_equal(map_of(env._cars, 100), before)
     np.testing.assert_array_equal(map_of(env._cars, 129), before)  # commands are in m/s^2
     assert env.force_limits[129, 0] == 0.5 * env.force_limits[0, 0]
@@ -216,7 +216,7 @@ def test_single_precision_stays_close():
         cars, _ = fleet(3, scenario, given=given, single=single)
         rng = np.random.default_rng(0)
         shown = [
-            cars.step(rng.uniform(-0.2, 0.2, (3, 2)).astype(np.float32), DISABLED).seen
+            cars.step(rng.uniform(-0.2, 0.2, (3, 2)).astype(np.float32), DISABLED)[0]
             for _ in range(999)
         ]
         found.append(np.array(shown))

@@ -16,7 +16,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 from qcar_env import SCENARIOS
-from qcar_env.engine import cars
+from qcar_env.engine import storage
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.envs.vector import QuarterCarHumpVectorEnv
 from qcar_env.physics.state import State
@@ -224,7 +224,7 @@ def test_scenarios_that_no_car_draws_from_are_forgotten():
     for _ in range(50):
         scales = rng.uniform(0.1, 1.0, 4)
         env.reset(options={"force_scale": scales})
-        assert len(env._cars._nominals) <= 8
+        assert len(env._cars._sources) <= 8
     np.testing.assert_allclose(env.force_limits[:, 0], 280.0 * scales)
 
 
@@ -336,7 +336,7 @@ def trajectory(env, seed, steps=150):
 @pytest.fixture
 def two_threads(monkeypatch):
     """Return the options of an environment that shares few cars out."""
-    monkeypatch.setattr(cars, "CARS_A_THREAD", 64)
+    monkeypatch.setattr(storage, "CARS_A_THREAD", 64)
     return {"threads": 2, "duration": SHORT}
 
 
@@ -600,8 +600,8 @@ def test_a_keyboard_interrupt_in_a_threaded_step_waits_for_the_workers(two_threa
 INTERRUPTED = """
 import os, signal, sys, threading, time
 import numpy as np
-from qcar_env.engine import cars
-cars.CARS_A_THREAD = 64
+from qcar_env.engine import storage
+storage.CARS_A_THREAD = 64
 from qcar_env.envs.vector import QuarterCarHumpVectorEnv
 env = QuarterCarHumpVectorEnv(4096, threads=2)
 env.reset(seed=0)
@@ -647,3 +647,16 @@ def test_episodes_end_in_time_beyond_what_single_precision_counts(precision):
     assert ends.tolist() == [[False, False], [False, True]]
     env.reset(options={"reset_mask": np.array([False, True])})
     assert env.step(still)[3].tolist() == [True, False]
+
+
+@pytest.mark.parametrize("k", [7, 10, 12])
+def test_a_kink_that_rounding_moves_past_an_instant_is_read_as_by_a_single_environment(k):
+    preset = SCENARIOS["paper-hump"]
+    at = dataclasses.replace(preset.road, start=preset.speed * (k * preset.dt))
+    scenario = dataclasses.replace(preset, road=at)
+    many, one = QuarterCarHumpVectorEnv(1, scenario), QuarterCarHumpEnv(scenario)
+    many.reset(seed=3)
+    one.reset(seed=3)
+    idle = np.zeros((1, many.single_action_space.shape[0]), np.float32)
+    for _ in range(k + 2):
+        np.testing.assert_array_equal(many.step(idle)[0][0], one.step(idle[0])[0])

@@ -79,7 +79,7 @@ def test_limits_that_are_not_given_change_nothing(memory: float, action: float, 
     command = SuspensionActuator(limit=2e3).command((action,), part.numbers)
     assert part.command((action,), part.numbers) == command
     found = part.rate(part.State(memory), command, travel_rate, part.numbers)
-    assert found.F == (command[0] - memory) / 0.01
+    assert found.F == (command[0] - memory) * (1.0 / 0.01)
 
 
 @pytest.mark.parametrize("limit", [{"rate_limit": 4e4}, {"power": 2e3}, {"dead_zone": 50.0}])

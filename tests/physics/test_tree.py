@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-import qcar_env.engine.compile  # noqa: F401  has the compiled forms
+import qcar_env.engine.tuples  # noqa: F401  has the compiled forms
 from qcar_env.parts.part import Nothing
 from qcar_env.physics import tree
 from qcar_env.physics.closed_loop import ControlledState

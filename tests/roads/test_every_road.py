@@ -14,10 +14,12 @@ import pytest
 
 from qcar_env import roads
 from qcar_env.roads import shapes
+from qcar_env.roads.flat_tops import FlatTop, SmoothFlatTop
 from qcar_env.roads.functions import FunctionRoad
 from qcar_env.roads.iso8608 import ISO8608
 from qcar_env.roads.measured import SampledRoad
 from qcar_env.roads.profile import Road
+from qcar_env.roads.sum_of_sines import SumOfSines
 from qcar_env.roads.train import Train
 
 
@@ -42,15 +44,15 @@ HUMPS = [
     shapes.Parabola(h=0.08, L=1.5, start=0.2),
     shapes.Quartic(h=-0.06, L=3.0, start=0.1),
     shapes.Sextic(h=0.06, L=9.0, start=0.7),
-    shapes.FlatTop(h=0.075, ramp=0.9, top=2.5, start=0.6),
-    shapes.SmoothFlatTop(h=0.1, ramp=0.85, top=5.0, start=0.4),
+    FlatTop(h=0.075, ramp=0.9, top=2.5, start=0.6),
+    SmoothFlatTop(h=0.1, ramp=0.85, top=5.0, start=0.4),
     shapes.SquareBar(h=0.03, L=0.1, start=0.9),
 ]
 ROADS = [
     *HUMPS,
     shapes.Sine(h=0.1, wavenumber=2.3, start=0.2),
     shapes.Step(h=0.1, start=1.3),
-    shapes.SumOfSines(amplitudes=(0.02, 0.001), wavenumbers=(1.0, 9.0), phases=(0.3, 2.0)),
+    SumOfSines(amplitudes=(0.02, 0.001), wavenumbers=(1.0, 9.0), phases=(0.3, 2.0)),
     Train(shape=HUMPS[0], count=3, gap=0.7),
     Train(shape=HUMPS[6], count=2, gap=0.0),
     Train(shape=HUMPS[8], count=4, gap=0.2),

@@ -6,22 +6,20 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from qcar_env.roads.flat_tops import FlatTop, SmoothFlatTop, cushion
 from qcar_env.roads.shapes import (
     CircularArc,
-    FlatTop,
     HalfSine,
     OneMinusCosine,
     Parabola,
     Quartic,
     Sextic,
     Sine,
-    SmoothFlatTop,
     SquareBar,
     Step,
-    SumOfSines,
-    cushion,
     pothole,
 )
+from qcar_env.roads.sum_of_sines import SumOfSines
 
 h = st.floats(-0.2, 0.2)
 length = st.floats(0.8, 20.0)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from qcar_env.roads.shapes import FlatTop, HalfSine, Parabola, Sine, SmoothFlatTop, SquareBar
+from qcar_env.roads.flat_tops import FlatTop, SmoothFlatTop
+from qcar_env.roads.shapes import HalfSine, Parabola, Sine, SquareBar
 from qcar_env.roads.train import Train
 
 shape = st.one_of(

@@ -9,9 +9,10 @@ import numpy as np
 
 from qcar_env.control import CNVC, Passive
 from qcar_env.control.law import Law
-from qcar_env.engine.closed_loop import Composition, compose, cores, drive, loop_road, slabs
-from qcar_env.engine.compile import aligned
+from qcar_env.engine.closed_loop import cores, drive, slabs
+from qcar_env.engine.compile import aligned, widen
 from qcar_env.engine.course import road_functions
+from qcar_env.engine.loop_kernels import Composition, compose, loop_road
 from qcar_env.engine.starts import Force
 from qcar_env.evaluation.throughput.timing import Candidate, shared_out
 from qcar_env.physics.car import REST
@@ -113,6 +114,7 @@ def multiply_add(repeats: int) -> float:
 
 @numba.njit(cache=True, nogil=True, boundscheck=False, fastmath={"contract"})
 def _multiply_add(x: Any, repeats: Any) -> Any:
+    widen()
     a, b = 0.999999, 1e-6
     for _ in range(repeats):
         for j in range(PEAK_WIDTH):

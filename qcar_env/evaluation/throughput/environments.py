@@ -17,7 +17,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.envs.classic_control.cartpole import CartPoleVectorEnv
 
-from qcar_env.engine.cars import CARS_A_THREAD
+from qcar_env.engine.storage import CARS_A_THREAD
 from qcar_env.envs.vector import QuarterCarHumpVectorEnv
 from qcar_env.evaluation.throughput.timing import Candidate
 from qcar_env.scenarios import scenario
