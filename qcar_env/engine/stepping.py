@@ -78,10 +78,8 @@ class Kernels:
     fixed: Layout  # slab of what stays the same during an episode
     scratch: int  # rows that are passed on within an interval
     stages: Any  # stages(n): and for what a road that is read does in an interval of n steps
-    step: Any  # step(*Moved, *Scratch, first block, end, actions, seen, rewards, push, ends)
-    turn_over: (
-        Any  # turn_over(Moved, Drawn, given, same_step, seen, ..., ends, begun, phases, finals)
-    )
+    step: Any  # step(entries of Moved and Scratch, first block, end, actions, seen, ..., ends)
+    turn_over: Any  # turn_over(Moved, Drawn, given, same_step, seen, ..., begun, phases, finals)
     begin: Any  # begin(Moved, Drawn, which, given, draw, seen)
     show: Any  # show(Moved, seen)
     entries: Any  # entries(x, phasors, command, driven, read) of the observation on a turning road
