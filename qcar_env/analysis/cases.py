@@ -67,12 +67,10 @@ class Cases:
         self.laws: list[Law] = self._listed(given["law"])
         for each in self.cars:
             check_car(each)
-        for name, kind, listed in (
-            ("road", Excitation, self.roads),
-            ("force", ExternalForce, self.forces),
-        ):
-            for each in listed:
-                instance(name, each, kind)
+        for each in self.roads:
+            instance("road", each, Excitation)
+        for each in self.forces:
+            instance("force", each, ExternalForce)
         for each in self.laws:
             check_law(each)
         kinds = sorted({type(each).__name__ for each in self.laws})

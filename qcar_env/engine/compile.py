@@ -32,6 +32,7 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
+from numba.core import config
 from numba.core.bytecode import FunctionIdentity
 from numba.core.errors import NumbaError
 from numba.extending import intrinsic, overload, register_jitable
@@ -120,7 +121,7 @@ def kernel(
     """
     if function is None:
         return lambda each: kernel(each, fused=fused, nogil=nogil, allocates=allocates)
-    if numba.config.DISABLE_JIT:
+    if config.DISABLE_JIT:
         raise RuntimeError("the engine is compiled code, but NUMBA_DISABLE_JIT is set; unset it")
     made: Any = numba.njit(
         nogil=nogil,

@@ -325,16 +325,19 @@ def test_speed():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 0.75, 0.5])
-def test_speed_of_two_thousand_steps(scale):
+def test_the_cost_grows_as_that_of_sparse_programs(scale):
+    """Of a dense program it grows with the third power of the steps: eightfold for twice."""
+    hump = SCENARIOS["paper-hump"].with_force_scale(scale)
     for work in (
-        lambda: period_optimum(limited(scale), samples=2000),
-        lambda: episode_optimum(
-            SCENARIOS["paper-hump"].with_force_scale(scale), duration=10.0, dt=0.005
-        ),
+        lambda n: period_optimum(limited(scale), samples=n),
+        lambda n: episode_optimum(hump, duration=n * 0.005, dt=0.005),
     ):
-        begin = time.process_time()
-        work()
-        assert time.process_time() - begin < 5.0
+        seconds = []
+        for steps in (1000, 2000):
+            begin = time.process_time()
+            work(steps)
+            seconds.append(time.process_time() - begin)
+        assert seconds[1] < 6.0 * seconds[0]  # 1.2 to 3.6 times on a quiet machine
 
 
 @pytest.mark.parametrize(
