@@ -15,6 +15,7 @@ A law of one's own is a subclass with its gains and one function:
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -50,7 +51,8 @@ class Law(Part):
     filter_rate: ClassVar[FilterRate | None] = None  # of a law with a memory, see below
 
     @staticmethod
-    def command(x: Any, eta: Any, p: Any) -> tuple[Any, Any]:
+    @abstractmethod
+    def command(x: Any, eta: Any, p: Any) -> Any:
         """Return the specific forces on wheel and body [m/s^2].
 
         Parameters
@@ -67,7 +69,6 @@ class Law(Part):
         A law with a memory has ``filter_rate(x, eta, p)`` besides, which returns the memory's time
         derivative.
         """
-        raise NotImplementedError
 
     def check(self, car: Car) -> None:
         """Raise ValueError where the law is known to destabilise `car`; accepts every car."""

@@ -14,6 +14,7 @@ the paper's (5)-(8). ``"removed"`` is for training (`Removed`).
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -46,6 +47,11 @@ class Term(Part):
 
     name: ClassVar[str] = ""
     reads: ClassVar[tuple[Signal, ...]] = ()
+
+    @staticmethod
+    @abstractmethod
+    def cost(now: Any, before: Any, p: Any) -> Any:
+        """Return the cost [-]."""
 
 
 def envelope(now: Any, before: Any, p: Any) -> Any:

@@ -10,6 +10,7 @@ to the one it does to the other, and it feeds in the power ``F travel_rate``.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -51,6 +52,15 @@ class Actuator(Part):
             """Force that action 1 asks for, or the largest damping, shape (m,)."""
             ...
 
+    def __post_init__(self) -> None:
+        """Check every number, and that a memory has a rate."""
+        super().__post_init__()
+        if self.State._fields and not hasattr(self, "rate"):
+            raise TypeError(
+                f"{type(self).__name__} has a memory {self.State.__name__} and must define rate, "
+                "its derivative; add it as a static method rate(memory, command, travel_rate, p)"
+            )
+
     size = 1  # number of actions m
     unit = "N"  # of the forces
     linear = False  # in action, memory and travel rate, while the action is within [-1, 1]
@@ -71,14 +81,14 @@ class Actuator(Part):
         return p.limit[0]
 
     @staticmethod
+    @abstractmethod
     def command(action: Any, p: Any) -> Any:
         """Return a tuple (m,) for an action (m,)."""
-        raise NotImplementedError
 
     @staticmethod
-    def force(memory: Any, command: Any, travel_rate: Any, p: Any) -> tuple[Any, Any]:
+    @abstractmethod
+    def force(memory: Any, command: Any, travel_rate: Any, p: Any) -> Any:
         """Return the forces on wheel and body."""
-        raise NotImplementedError
 
 
 def _limits(count: int) -> Any:

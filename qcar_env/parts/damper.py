@@ -7,6 +7,7 @@ pulls the masses together when positive: down on the body, up on the wheel. A da
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,9 +22,9 @@ class Damper(Part):
     linear = False
 
     @staticmethod
+    @abstractmethod
     def force(rate: Any, p: Any) -> Any:
         """Return the force [N] at a rate [m/s]."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)

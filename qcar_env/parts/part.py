@@ -55,14 +55,29 @@ def number(title: str, unit: str, check: Check, default: Any = MISSING) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """Base of everything that has numbers; checks them where they enter."""
+    """Base of everything that has numbers; checks them where they enter.
+
+    A base of parts marks what its subclasses must define with `abc.abstractmethod`.
+    """
 
     Numbers: ClassVar[Any] = (
         None  # NamedTuple class of the numbers, made when they are first asked for
     )
 
     def __post_init__(self) -> None:
-        """Check every number."""
+        """Check every number, and that the class has all functions of its kind.
+
+        Raises
+        ------
+        TypeError
+            If one was forgotten.
+        """
+        if forgotten := _forgotten(type(self)):
+            name, base = forgotten
+            raise TypeError(
+                f"{type(self).__name__} must define {name}, as {base} describes it; "
+                "add it as a static method"
+            )
         for each in dataclasses.fields(self):
             if "check" in each.metadata:
                 check, unit = each.metadata["check"], each.metadata["unit"]
@@ -76,6 +91,16 @@ class Part:
         A part whose functions want other numbers than its fields makes them here (a table: slopes).
         """
         return numbers_class(type(self))(*(_numbers(getattr(self, name)) for name in _fields(self)))
+
+
+@cache
+def _forgotten(kind: type) -> tuple[str, str] | None:
+    """Return a function that a class of parts lacks, and the base that says what it must be."""
+    for base in kind.__mro__:
+        for name in vars(base):
+            if getattr(getattr(kind, name), "__isabstractmethod__", False):
+                return name, base.__name__
+    return None
 
 
 @cache

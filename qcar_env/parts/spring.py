@@ -6,6 +6,7 @@ from the static one and pulls the masses together when positive: down on the bod
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -29,9 +30,9 @@ class Spring(Part):
     linear = False
 
     @staticmethod
+    @abstractmethod
     def force(travel: Any, p: Any) -> Any:
         """Return the force [N] at a travel [m]."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,9 +130,9 @@ class TravelStops(Part):
     linear = False
 
     @staticmethod
+    @abstractmethod
     def force(travel: Any, p: Any) -> Any:
         """Return the force [N] at a travel [m]."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)

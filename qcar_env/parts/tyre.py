@@ -6,6 +6,7 @@ force [N] is the change of the road's upward force on the wheel from the static 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,14 +20,14 @@ class Tyre(Part):
     linear = False
 
     @staticmethod
+    @abstractmethod
     def force(compression: Any, rate: Any, load: Any, p: Any) -> Any:
         """Return the change [N] of the road's force at a static load [N]."""
-        raise NotImplementedError
 
     @staticmethod
+    @abstractmethod
     def kick(jump: Any, p: Any) -> Any:
         """Return the impulse [N s] on the wheel of a jump [m] of the road's height."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)

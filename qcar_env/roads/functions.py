@@ -64,7 +64,6 @@ class FunctionRoad(Road):
 
     def __post_init__(self) -> None:
         """Check the kinks, compile the functions, and take them."""
-        super().__post_init__()
         for name, given in (("profile", self.profile), ("gradient", self.gradient)):
             if not callable(given) and (name == "profile" or given is not None):
                 raise ValueError(f"{name} must be a function of s, got {shown(given)}; give one")
@@ -76,6 +75,7 @@ class FunctionRoad(Road):
                     "give them in order, each once"
                 )
         store(self, kinks_at=kinks, __class__=_functions_of(self.profile, self.gradient))
+        super().__post_init__()
 
     @cached_property
     def table(self) -> NDArray[np.float64]:

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -48,7 +49,8 @@ class Road(Part):
     turning: ClassVar[bool] = False
 
     @staticmethod
-    def height(s: float, piece: int, p: Any, table: Any) -> float:
+    @abstractmethod
+    def height(s: float, piece: int, p: Any, table: Any) -> Any:
         """Return the height [m] at `s` [m], seen from a piece.
 
         Parameters
@@ -62,12 +64,11 @@ class Road(Part):
         table : ndarray (n,)
             The road's `table`.
         """
-        raise NotImplementedError
 
     @staticmethod
-    def slope(s: float, piece: int, p: Any, table: Any) -> float:
+    @abstractmethod
+    def slope(s: float, piece: int, p: Any, table: Any) -> Any:
         """Return the derivative of `height` by `s` [-], arguments as there."""
-        raise NotImplementedError
 
     @staticmethod
     def kink(piece: int, p: Any, table: Any) -> float:

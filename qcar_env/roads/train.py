@@ -45,9 +45,9 @@ class Train(Road):
 
     def __post_init__(self) -> None:
         """Check every number, and take the functions of the shape."""
-        super().__post_init__()
         instance("shape of a train", self.shape, Shape)
         store(self, __class__=_train_of(type(self.shape)))
+        super().__post_init__()
 
     @classmethod
     def of_pitch(cls, *, shape: Shape, count: int, pitch: float) -> Train:

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
+from qcar_env.control.law import Law
+from qcar_env.envs.reward import Term
+from qcar_env.parts.actuator import Actuator, LaggedSuspensionActuator
+from qcar_env.parts.damper import Damper
 from qcar_env.parts.part import Part, clamp, least, most, number, positive_part, text, units
+from qcar_env.parts.spring import Spring, TravelStops
+from qcar_env.parts.tyre import Tyre
+from qcar_env.roads.profile import Road
 from qcar_env.validation import positive
 
 FINITE = st.floats(-1e150, 1e150)
@@ -45,3 +52,35 @@ def test_forms_without_a_branch_are_those_with_one(a: float, b: float, c: float)
     low, high = min(b, c), max(b, c)
     assert low < high or clamp(a, low, high) in (low, 2.0 * low)
     assert low == high or clamp(a, low, high) == min(max(a, low), high)
+
+
+@pytest.mark.parametrize(
+    ("base", "name"),
+    [
+        (Spring, "force"),
+        (TravelStops, "force"),
+        (Damper, "force"),
+        (Tyre, "force"),
+        (Actuator, "command"),
+        (Road, "height"),
+        (Law, "command"),
+        (Term, "cost"),
+    ],
+)
+def test_a_function_that_was_forgotten_is_named_with_its_class_and_remedy(base, name):
+    @dataclass(frozen=True, kw_only=True)
+    class Own(base):
+        limit: float = 1.0
+
+    said = rf"Own must define {name}, as {base.__name__} describes it; add it as a static method"
+    with pytest.raises(TypeError, match=said):
+        Own()
+
+
+def test_a_memory_without_a_rate_is_named():
+    @dataclass(frozen=True, kw_only=True)
+    class Own(LaggedSuspensionActuator):
+        rate = property()  # hides the inherited one: an AttributeError when it is looked up
+
+    with pytest.raises(TypeError, match="Own has a memory Force and must define rate"):
+        Own(limit=1.0, lag=0.1)

@@ -199,6 +199,10 @@ def test_a_road_may_have_kinks_for_ever(monkeypatch):
             return 0.01 * abs(math.sin(s))
 
         @staticmethod
+        def slope(s, piece, p, table):
+            return 0.01 * math.copysign(math.cos(s), math.sin(s) * math.cos(s))
+
+        @staticmethod
         def kink(piece, p, table):
             return math.pi * (piece + 1)
 
