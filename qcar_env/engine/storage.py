@@ -176,13 +176,11 @@ class Storage:
         a["targets"], a["tables"] = np.concatenate(targets), np.concatenate(tables)
         a["counts"] = np.stack(counts, axis=1).astype(COUNT)
         a["bounds"] = self._of_table[self._drawn_from]
-        if not self._alike and len(a["fixed"]) < len(
-            a["slabs"]
-        ):  # numbers of their own from now on
-            shared = a["fixed"]
-            a["fixed"] = self._slab(len(a["slabs"]), self.kernels.fixed.size)
+        shared, blocks = a["fixed"], len(a["slabs"])
+        if not self._alike and len(shared) < blocks:  # numbers of their own from now on
+            a["fixed"] = self._slab(blocks, self.kernels.fixed.size)
             a["fixed"][...] = shared
-            a["blocks"][:, OWN_FIXED] = np.arange(len(a["slabs"]))
+            a["blocks"][:, OWN_FIXED] = np.arange(blocks)
         self._bind()
 
     @property
