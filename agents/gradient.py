@@ -1,4 +1,4 @@
-"""The analytic gradient: the crossing is differentiated through, behind `agents.trainer`.
+"""The analytic gradient: the motion is differentiated through, behind `agents.trainer`.
 
 The simulator is the plant itself: the functions that the engine compiles run on torch tensors as
 they stand. Of a linear plant the map over a control interval is read off them, by applying them to

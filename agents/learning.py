@@ -180,7 +180,7 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
         f"Made by `{command()}`",
         f"with {made_with()}.",
         "",
-        "rho is max(a1/A1, a2/A2) in steady state on the held-out set, mean over its crossings;",
+        "rho is max(a1/A1, a2/A2) in steady state on the held-out set, mean over its episodes;",
         "x1 and x2 are the largest amplitudes [m]. Median over seeds; the interval is a 95 %",
         "bootstrap of that median. Times are of training alone [s], on one thread: to the end, and",
         "on the processor to the first live evaluation with both masses below CNVC (0: so begins",

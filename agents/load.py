@@ -80,12 +80,12 @@ def _entry(name: str, recipe: dict[str, Any]) -> Entry:
 
 
 def _make(name: str, scenario: Scenario, track: Track | None, force_scale: float) -> Agent | None:
-    """Return an agent, or None on a track of another scenario or at a limit it never had."""
+    """Return an agent, or None on a track of another scenario or at a limit beyond its own."""
     agent = load(name)
     if track is None:
         return agent
     home = agent.recipe.get("track", track.name)
     home = home["name"] if isinstance(home, dict) else home
     same = home not in TRACKS or TRACKS[home].scenario == track.scenario
-    trained = any(abs(each - force_scale) < 1e-9 for each in agent.force_scales)
-    return agent if same and trained else None
+    within = min(agent.force_scales) - 1e-9 <= force_scale <= max(agent.force_scales) + 1e-9
+    return agent if same and within else None

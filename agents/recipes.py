@@ -44,7 +44,7 @@ ALGORITHM_TITLES: Mapping[str, str] = MappingProxyType(
         "ppo": "PPO (Stable-Baselines3)",
         "sac": "SAC (Stable-Baselines3)",
         "td3": "TD3 (Stable-Baselines3)",
-        "cma": "policy search by CMA-ES: no gradient, whole crossings",
+        "cma": "policy search by CMA-ES: no gradient, whole episodes",
         "gradient": "analytic gradient through the equations of motion",
     }
 )
@@ -93,15 +93,15 @@ class SearchSettings:
     refine_sigma: float = 0.3  # the law is found already
     road_nodes: tuple[float, ...] = (1.0,)  # amplitudes [-] at which the law has gains of its own
     force_nodes: tuple[float, ...] = (1.0,)
-    crossing: float = 40.0  # [s] the slow mode's envelope takes 4.8 s; true steady state
-    settle: float = 0.0  # [s] that cars settle under the search's guess before a crossing
+    length: float = 40.0  # [s] the slow mode's envelope takes 4.8 s; true steady state
+    settle: float = 0.0  # [s] that cars settle under the search's guess before an episode
     velocity_gain: float = 4.0  # start: sinh(4) = 27 on the own velocity, a weak classical law
     bound: float = 8.0  # of the parameters: gains to sinh(8) = 1490, beyond which rounding shows
     least_weight: float = 0.02  # of the smaller relative amplitude, which breaks ties
 
     def steps_a_generation(self, dt: float) -> int:
         """Return how often each car is stepped in a generation, at a control interval dt [s]."""
-        return self.population * round(self.crossing / dt)
+        return self.population * round(self.length / dt)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,10 +215,13 @@ class Task:
         return find_track(self.track).nominal.dt
 
 
+# Near enough to each other that a law between two of them is as good (see track `between`).
+EVERY_LIMIT = (1.0, 0.9, 0.8, 0.75, 0.7, 0.65, 0.6, 0.55, 0.5, 0.4, 0.3, 0.25, 0.175, 0.1)
+
 TASKS: Mapping[str, Task] = MappingProxyType(
     {
         "paper": Task(track="paper", force_scales=(1.0,)),
-        "budget": Task(track="budget", force_scales=(1.0, 0.75, 0.5, 0.25, 0.1)),
+        "budget": Task(track="budget", force_scales=EVERY_LIMIT),
         "budget-0.75": Task(track="budget", force_scales=(0.75,)),
         "budget-0.5": Task(track="budget", force_scales=(0.5,)),
         "budget-0.25": Task(track="budget", force_scales=(0.25,)),
@@ -281,7 +284,7 @@ def _cma(task: str) -> Recipe:
             refine_generations=350,
             road_nodes=(1.0, 1.25, 1.5) if whole else (0.6, 1.3),
             force_nodes=(1.0,) if whole else (0.6, 1.3),
-            crossing=6.0,  # from where the guess has settled
+            length=6.0,  # from where the guess has settled
             settle=40.0,
         )
     limits = len(TASKS[task].force_scales)

@@ -1,7 +1,7 @@
-"""Policy search by CMA-ES: whole crossings, no gradient, behind the interface of `agents.trainer`.
+"""Policy search by CMA-ES: whole episodes, no gradient, behind the interface of `agents.trainer`.
 
 Each candidate's gains drive cars of their own, all in one fleet, to steady state; a candidate's
-value is the mean over the crossings of ``max_i(a_i / A_i)``, as the benchmark scores it. N.
+value is the mean over the episodes of ``max_i(a_i / A_i)``, as the benchmark scores it. N.
 Hansen's ``cma`` does the search, `qcar_env.engine.cars.Cars.drive` the driving.
 """
 
@@ -21,13 +21,14 @@ from torch import nn
 from agents.networks import LawNet, Schedule, space
 from agents.recipes import Recipe, SearchSettings
 from agents.trainer import Hook
-from qcar_env.engine.cars import Cars
 from qcar_env.engine.held_law import linear_law
-from qcar_env.envs.episode import Settings
+from qcar_env.envs.episode import observed
+from qcar_env.evaluation.robustness import beside, loss_beside
+from qcar_env.evaluation.rollouts import fleet
 from qcar_env.evaluation.tracks import Episode, episodes
 
 Array = NDArray[np.float64]
-WINDOW = 2.5  # [s] at the end of a crossing over which amplitudes are taken: 20 periods
+WINDOW = 2.5  # [s] at the end of an episode over which amplitudes are taken: 20 periods
 GENERATIONS_A_HOOK = 5
 SETTLE_EVERY = 10  # generations that begin where one law has settled
 
@@ -74,7 +75,7 @@ def scheduled_law(seen: Any, gains: Any, nodes: Any, action: Any) -> None:
         action[a] = min(max(action[a], -1.0), 1.0)
 
 
-class Crossings:
+class Runs:
     """A fleet in which laws drive the episodes of a track, each law all of them.
 
     Parameters
@@ -88,20 +89,16 @@ class Crossings:
     """
 
     def __init__(self, drawn: Sequence[Episode], laws: int, observe: Any) -> None:
-        first = drawn[0]
-        plan = Settings(observe, False, "amplitudes", None, None).plan(
-            first.nominal, first.force_scale
-        )
-        self.cars = Cars(laws * len(drawn), plan)
+        self.cars, nominal = fleet(list(drawn) * laws, observed(observe))
         self._shape = (laws, len(drawn), -1)
-        self._uniforms = np.zeros((len(drawn), plan.source.uniforms))
+        self._uniforms = np.zeros((len(drawn), self.cars.uniforms.shape[1]))
         for row, each in zip(self._uniforms, drawn, strict=True):
             row[: len(each.uniforms)] = each.uniforms
         self.start = np.array([(*each.state, each.phase) for each in drawn])
         self.own = np.array([each.scenario.reference_amplitudes for each in drawn])
-        self._dt = plan.dt
+        self._dt = nominal.dt
 
-    def cross(
+    def drive(
         self, gains: Array, duration: float, nodes: tuple[tuple[float, ...], tuple[float, ...]]
     ) -> Array:
         """Drive from `start`; return the largest |x1|, |x2| at the end, (laws, n, 2) [m].
@@ -111,7 +108,7 @@ class Crossings:
         gains : ndarray (laws, j, m, k)
             Gains at the nodes.
         duration : float
-            Length of a crossing [s].
+            Length of an episode [s].
         nodes : tuple
             Of road and force (see `agents.networks.Schedule`).
         """
@@ -135,7 +132,7 @@ class Crossings:
 
     @property
     def now(self) -> Array:
-        """Where the cars stand: states and phases that another crossing can begin with, (n, 5)."""
+        """Where the cars stand: states and phases that another run can begin with, (n, 5)."""
         elapsed = self.cars.clock("elapsed") * self._dt * self.cars.driven("omega")[0]
         return np.column_stack([self.cars.states, self.cars.phases + elapsed])
 
@@ -148,7 +145,7 @@ class SearchTrainer:
     recipe : Recipe
         Algorithm ``cma``.
     seed : int
-        Of the search and of the crossings drawn.
+        Of the search and of the episodes drawn.
 
     Notes
     -----
@@ -156,7 +153,7 @@ class SearchTrainer:
     at the largest limit, and each further one begins at the law found before it. Where the law has
     nodes of road and force too, one law for all of them is searched first, and then refined.
 
-    A crossing from rest needs 40 s to be steady. Where many cars cross, candidates begin where the
+    An episode from rest needs 40 s to be steady. Where there are many, candidates begin where the
     search's own guess has settled (`SearchSettings.settle`): they differ from it by little, and a
     few seconds tell which is better.
     """
@@ -224,38 +221,39 @@ class SearchTrainer:
         return {"told": [torch.tensor(values, dtype=torch.float64) for values in self._told]}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Repeat the search up to a snapshot, without its crossings."""
+        """Repeat the search up to a snapshot, without driving again."""
         for values in snapshot["told"]:
             if self._within % SETTLE_EVERY == 0:
                 self._settled = self._guess()
             self._tell(self._search.ask(), values.tolist())
-        self._crossings.start = self._from(self._settled)
+        self._runs.start = self._from(self._settled)
 
     def evaluate(self, candidates: Array) -> Array:
         """Return the value of each candidate, shape (k,), of parameters (k, p)."""
-        crossings = self._crossings
-        peak = self._cross(crossings, candidates, self._settings.crossing)
-        relative = peak / crossings.own
-        value = relative.max(axis=2) + self._settings.least_weight * relative.min(axis=2)
-        return value.mean(axis=1)
+        runs = self._runs
+        peak = self._drive(runs, candidates, self._settings.length)
+        relative = peak / runs.own
+        rho, other = relative.max(axis=2), relative.min(axis=2)
+        value = rho[:, : self._counted] + self._settings.least_weight * other[:, : self._counted]
+        return value.mean(axis=1) + (loss_beside(rho[:, self._counted :]) if self._margin else 0.0)
 
-    def _cross(self, crossings: Crossings, candidates: Array, duration: float) -> Array:
+    def _drive(self, runs: Runs, candidates: Array, duration: float) -> Array:
         schedule = self._schedule if self._stage.refine else Schedule()
         shape = (len(candidates), schedule.nodes, *self._net.gains.shape[2:])
         gains = np.sinh(candidates).reshape(shape)
-        return crossings.cross(gains, duration, (schedule.roads, schedule.forces))
+        return runs.drive(gains, duration, (schedule.roads, schedule.forces))
 
     def _settle(self) -> None:
-        """Let the cars settle under the search's guess, where crossings begin there."""
+        """Let the cars settle under the search's guess, where runs begin there."""
         if self._settings.settle and self._within % SETTLE_EVERY == 0:
             self._settled = self._guess()
-            self._crossings.start = self._from(self._settled)
+            self._runs.start = self._from(self._settled)
 
     def _from(self, guess: Array | None) -> Array:
-        alone = Crossings(self._drawn, 1, self.recipe.track.observe)
+        alone = Runs(self._drawn, 1, self.recipe.track.observe)
         if guess is None or not self._settings.settle:
             return alone.start
-        self._cross(alone, guess[np.newaxis], self._settings.settle)
+        self._drive(alone, guess[np.newaxis], self._settings.settle)
         return alone.now
 
     def _guess(self) -> Array:
@@ -285,14 +283,18 @@ class SearchTrainer:
         self._number, self._within = number, 0
         stage = self._stage = self._stages[number]
         recipe, settings = self.recipe, self._settings
-        self._drawn = episodes(
+        # A quarter of the cars is there for the margin, where no draw brings other speeds.
+        self._margin = 0 if recipe.track.nominal.randomisation else recipe.cars // 4
+        self._counted = recipe.cars - self._margin
+        drawn = episodes(
             recipe.track,
             "training",
             force_scale=self._limits[stage.limit],
             seed=self._seed,
-            count=recipe.cars,
+            count=self._counted,
         )
-        self._crossings = Crossings(self._drawn, settings.population, recipe.track.observe)
+        self._drawn = (*drawn, *beside(drawn[: self._margin]))
+        self._runs = Runs(self._drawn, settings.population, recipe.track.observe)
         self._settled: Array | None = None
         here = self._net.gains[stage.limit].detach().numpy().astype(np.float64)
         self._search = cma.CMAEvolutionStrategy(

@@ -33,11 +33,11 @@ from agents.trainer import ActorPolicy, Trainer
 from qcar_env.envs.episode import observed
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.agent import Agent
-from qcar_env.evaluation.tracks import episodes
+from qcar_env.evaluation.tracks import Episode, episodes
 from qcar_env.validation import positive, whole
 
-LIVE_CROSSING = 6.0  # [s] of a live evaluation; final scores take the track's full duration
-LIVE_CROSSINGS = 8  # in a live evaluation where scenarios vary
+LIVE = 40.0  # [s] of a live evaluation: steady, the slow mode is at 2e-4 of its size
+LIVE_EPISODES = 8  # in a live evaluation where scenarios vary
 EVALUATIONS = 10  # live evaluations in a training
 FORMAT = 3  # of run folders and checkpoints; a folder of another one is not resumed
 DECIDING = ("qcar_env", "numpy", "torch", "stable-baselines3")  # versions that must agree
@@ -50,7 +50,7 @@ class Progress:
     steps: int  # environment steps so far
     wall: float  # training time so far, evaluations aside [s]
     cpu: float  # the same on the processor [s]
-    x1: float  # relative amplitude of the wheel, mean over limits and crossings [-]
+    x1: float  # relative amplitude of the wheel, mean over limits and episodes [-]
     x2: float  # of the body [-]
     rho: float  # mean of the larger one [-]
 
@@ -62,7 +62,7 @@ class Progress:
 
 @dataclass(frozen=True, kw_only=True)
 class References:
-    """What live progress is shown beside: relative amplitudes at the recipe's first limit."""
+    """What live progress is shown beside: means over the same episodes."""
 
     cnvc: tuple[float, float]  # [-]
     optimum: float  # rho [-]
@@ -195,12 +195,24 @@ def check_new(folder: Path, *, force: bool = False) -> None:
 
 
 def references(recipe: Recipe) -> References:
-    """Return CNVC's relative amplitudes and the optimum at the recipe's first force limit."""
-    scale = recipe.force_scales[0]
-    cnvc = scoring.reference("cnvc", recipe.track, scale).relative.mean(axis=0)
-    return References(
-        cnvc=(float(cnvc[0]), float(cnvc[1])), optimum=scoring.optimum(recipe.track.at(scale))
-    )
+    """Return CNVC's relative amplitudes and the optimum over the live episodes of a recipe."""
+    live = live_episodes(recipe)
+    cnvc = [
+        scoring.reference("cnvc", recipe.track, scale, drawn).relative.mean(axis=0)
+        for scale, drawn in live.items()
+    ]
+    best = [scoring.optimum(each.scenario) for drawn in live.values() for each in drawn]
+    x1, x2 = np.mean(cnvc, axis=0).tolist()
+    return References(cnvc=(x1, x2), optimum=float(np.mean(best)))
+
+
+def live_episodes(recipe: Recipe) -> dict[float, tuple[Episode, ...]]:
+    """Return the episodes of a live evaluation by force limit: one from rest, or some draws."""
+    count = LIVE_EPISODES if recipe.track.nominal.randomisation else 1
+    return {
+        scale: episodes(recipe.track, "validation", force_scale=scale, count=count)
+        for scale in recipe.force_scales
+    }
 
 
 class _Clock:
@@ -261,21 +273,11 @@ class _Run:
         if self.history and self.history[-1].steps == self.trainer.steps:
             return
         policy = ActorPolicy(self.trainer.actor())
-        varies = bool(recipe.track.nominal.randomisation)
         found = [
             scoring.run(
-                policy,
-                recipe.track,
-                episodes(
-                    recipe.track,
-                    "validation",
-                    force_scale=scale,
-                    count=LIVE_CROSSINGS if varies else 1,
-                ),
-                observe_limit=recipe.observe_limit,
-                duration=LIVE_CROSSING,
+                policy, recipe.track, drawn, observe_limit=recipe.observe_limit, duration=LIVE
             )
-            for scale in recipe.force_scales
+            for drawn in live_episodes(recipe).values()
         ]
         relative = np.mean([each.relative.mean(axis=0) for each in found], axis=0)
         latest = Progress(

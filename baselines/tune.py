@@ -1,8 +1,11 @@
 """Tune the gains of a baseline: a global search on a training set, all candidates in one batch.
 
-Every candidate of a generation drives every training crossing at once, through the fleet
-(`qcar_env.evaluation.rollouts`). The crossings start on the optimal steady motion, which good
-gains keep and bad ones leave; what is reported starts elsewhere and runs longer.
+Every candidate of a generation drives every training episode at once, through the fleet
+(`qcar_env.evaluation.rollouts`). Episodes that would start from rest start on the optimal steady
+motion, which good gains keep and bad ones leave; the others start from a drawn motion, so that
+gains with a second steady motion are seen. Where nothing varies, those count only as far as they
+end elsewhere, and some drive a little slower or faster, for a margin
+(`qcar_env.evaluation.robustness`). What is reported starts elsewhere and runs longer.
 
 Search: differential evolution, R. Storn, K. Price, Journal of Global Optimization 11, 1997, as in
 `scipy.optimize`.
@@ -28,6 +31,7 @@ from qcar_env.analysis.optimum import period_optimum
 from qcar_env.control import lqr
 from qcar_env.control.lqr import Weights
 from qcar_env.evaluation.entry import may_enter
+from qcar_env.evaluation.robustness import beside, loss_beside
 from qcar_env.evaluation.rollouts import rollouts
 from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
 from qcar_env.scenarios import Scenario
@@ -39,9 +43,13 @@ from .linear_policy import LinearPolicy, ahead, sampled_plant
 
 Array = NDArray[np.float64]
 
-DURATION = 15.0  # [s] of a training crossing: three time constants of the slow mode
+DURATION = 15.0  # [s] of a training episode: three time constants of the slow mode
+VARIED_DURATION = 25.0  # [s] where scenarios vary, and drawn starts count like the others
 PERIODS = 20  # whole periods at its end over which the amplitude is taken
-VARIED = 48  # training crossings where scenarios vary; to 8 of them, 16 gains fit too well
+STARTS = 8  # training episodes where nothing varies: one on the optimum, the others drawn
+BESIDE = 4  # and of those at other speeds
+ELSEWHERE = 0.1  # [-] of rho above that on the optimum, from which a start has ended elsewhere
+VARIED = 64  # training episodes where scenarios vary; to 8 of them, 16 gains fit too well
 LEAST_POPULATION = 5  # candidates in a generation, scipy's
 SETTLED = 60.0  # [s] from rest, of the validation that chooses between the searches
 
@@ -134,8 +142,8 @@ class Tuned:
     track_version: int
     force_scale: float
     gains: dict[str, float]
-    training_rho: float  # mean over the training crossings [-]
-    validation_rho: float  # mean over the validation crossings, settled from rest [-]
+    training_rho: float  # what was searched on: mean over training episodes [-]
+    validation_rho: float  # mean over the validation episodes, settled [-]
     evaluations: int  # candidates tried
     seed: int
     command: str
@@ -148,7 +156,6 @@ def tune(
     *,
     seed: int = 0,
     population: int = 48,
-    crossings: int | None = None,
     command: str = "",
 ) -> Tuned:
     """Search the gains of one baseline at one force limit.
@@ -165,8 +172,6 @@ def tune(
         Seed of the search.
     population : int
         Candidates in a generation.
-    crossings : int, optional
-        Training crossings: by default 1, and `VARIED` where the scenario varies.
     command : str
         Command line that is stored with the gains.
 
@@ -182,12 +187,15 @@ def tune(
     search = SEARCHES[known("baseline to tune", baseline, SEARCHES)]
     whole("population", population, least=LEAST_POPULATION)
     whole("seed", seed, least=0)
-    usual = VARIED if track.nominal.randomisation else 1
-    count = usual if crossings is None else whole("crossings", crossings)
+    varies = bool(track.nominal.randomisation)
     nominal = track.at(force_scale)
-    drawn = episodes(track, "training", force_scale=force_scale, count=count)
-    training = [_on_optimum(each) for each in drawn]
-    periods, length = _measured(track, DURATION)
+    starts = VARIED if varies else STARTS
+    drawn = episodes(track, "training", force_scale=force_scale, count=starts)
+    training = [each if any(each.state) else _on_optimum(each) for each in drawn]
+    if track.periods is not None and not varies:
+        training += beside(drawn[:BESIDE])
+    count = len(training)
+    periods, length = _measured(track, VARIED_DURATION if varies else DURATION)
     window = _window(training, periods)
     evaluations = 0
 
@@ -200,7 +208,12 @@ def tune(
         rolled = rollouts(
             policy, training * candidates, duration=length, observe=policy.reads, last=window
         )
-        return rolled.rho(periods).reshape(candidates, count).mean(axis=1)
+        rho = rolled.rho(periods).reshape(candidates, count)
+        if varies or periods is None:
+            return rho.mean(axis=1)
+        steady, others, margin = rho[:, :1], rho[:, 1:starts], rho[:, starts:]
+        elsewhere = np.maximum(others - steady - ELSEWHERE, 0.0).mean(axis=1)
+        return steady[:, 0] + elsewhere + loss_beside(margin)
 
     low, high = np.array(search.low), np.array(search.high)
     rng = np.random.default_rng(seed)
@@ -292,7 +305,7 @@ def best(track: Track, force_scale: float) -> tuple[str, float]:
 
 
 def _on_optimum(case: Episode) -> Episode:
-    """Return the crossing started on its own optimal steady motion, if it has one."""
+    """Return the episode started on its own optimal steady motion, if it has one."""
     if not case.scenario.excitation.harmonic:
         return case
     plan = period_optimum(case.scenario)
@@ -331,7 +344,7 @@ class _Matrices:
 def _candidates(
     baseline: str, gains: Sequence[dict[str, float]], nominal: Scenario, n: int
 ) -> LawPolicy | _Matrices:
-    """Return one policy for all candidates on n crossings each, candidate by candidate."""
+    """Return one policy for all candidates on n episodes each, candidate by candidate."""
     if baseline in catalogue.LAW_POLICIES:
         laws = [catalogue.LAW_POLICIES[baseline](**each) for each in gains]
         columns = np.array([law.numbers for law in laws], dtype=np.float64).T

@@ -21,14 +21,18 @@ import matplotlib  # noqa: E402
 import agents  # noqa: E402
 import baselines  # noqa: E402
 from qcar_env import report  # noqa: E402
-from qcar_env.evaluation import benchmark, leaderboard, storage  # noqa: E402
+from qcar_env.evaluation import benchmark, leaderboard, robustness, storage  # noqa: E402
 from qcar_env.evaluation.entry import entry_of  # noqa: E402
 from qcar_env.evaluation.tracks import TRACKS, track  # noqa: E402
 from qcar_env.validation import whole  # noqa: E402
 from scripts import command  # noqa: E402
 
 OPTIONS: command.Options = {
-    "tracks": (tuple(TRACKS), f"tracks (default: {' '.join(TRACKS)})"),
+    "tracks": (
+        (*TRACKS, "robustness"),
+        f"tracks (default: {' '.join(TRACKS)} robustness, which is the policies of the track "
+        "budget where car, road, sensors or timing are not those that they were made for)",
+    ),
     "policy": (
         str,
         "a policy of yours: module:object (anything with Stable-Baselines3's predict, or a "
@@ -63,7 +67,11 @@ def run(arguments: argparse.Namespace) -> int:
     if (out / "result.json").exists() and not arguments.force:
         raise ValueError(f"{out} already holds results; give --force to replace them, or --out")
     outcome = benchmark.run(
-        [track(name) for name in dict.fromkeys(arguments.tracks)],
+        [
+            each
+            for name in dict.fromkeys(arguments.tracks)
+            for each in (robustness.tracks() if name == "robustness" else (track(name),))
+        ],
         (
             *baselines.entries(arguments.baselines),
             *(() if arguments.no_agents else agents.entries()),

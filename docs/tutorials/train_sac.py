@@ -43,7 +43,7 @@ print(f"{how.name}: {how.cars} cars, {how.steps} control intervals")
 # %% [markdown]
 # ## Train
 #
-# While it trains, the policy is scored in true steady state, beside CNVC. The run folder explains
+# While it trains, the policy is scored after 40 s, beside CNVC. The run folder explains
 # itself: recipe, command, versions, progress, checkpoint, and the policy. A run that was killed
 # goes on with `resume=True`.
 

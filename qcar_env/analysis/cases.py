@@ -125,7 +125,7 @@ class Cases:
             if not frequencies:
                 raise ValueError(
                     f"a steady motion needs a harmonic road or force, got {shown(road.road)} "
-                    "and no force; use simulate for a single crossing"
+                    "and no force; use simulate for a single hump"
                 )
             found[i] = 2.0 * math.pi / min(frequencies)
         return found

@@ -225,7 +225,7 @@ class Cars(Storage):
         Returns
         -------
         ndarray (n, 2)
-            Largest |x1|, |x2| [m] at the ends of the intervals in the window; infinite for a car
+            Largest |x1|, |x2| [m] at every instant of the window; infinite for a car
             whose state or action is no finite number.
 
         Raises
@@ -241,6 +241,14 @@ class Cars(Storage):
         peak = np.zeros((self.n, 2))
         driver(self.kernels.step.py_func, act)(
             *(self._of_worker[0], self._outputs()[1:], seen),
-            *(np.zeros(self._shape, SHOWN), gains, self.n // laws, shared, intervals, window, peak),
+            *(
+                np.zeros(self._shape, SHOWN),
+                gains,
+                self.n // laws,
+                shared,
+                intervals,
+                window,
+                *(self.plan.dt, peak),
+            ),
         )
         return np.where(np.isnan(peak), np.inf, peak)

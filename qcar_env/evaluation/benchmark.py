@@ -15,7 +15,7 @@ from qcar_env.envs.episode import observed
 from qcar_env.evaluation.bounds import Bound, optimum_of
 from qcar_env.evaluation.entry import Entry, may_enter, shown_to
 from qcar_env.evaluation.score import History, Row, Scores, for_track, score
-from qcar_env.evaluation.standings import Standing, standings
+from qcar_env.evaluation.standings import Standing, findings, standings
 from qcar_env.evaluation.tracks import Track
 from qcar_env.physics.signals import Signal
 from qcar_env.validation import whole
@@ -51,6 +51,30 @@ class Outcome:
     histories: dict[tuple[str, str, float], History]  # by policy, track and force limit
     bounds: dict[Unit, tuple[Bound, ...]]
     failures: tuple[Failure, ...]
+
+    @property
+    def cases(self) -> tuple[Track, ...]:
+        """The tracks whose policies were made for another (see `robustness`)."""
+        return tuple(each for each in self.tracks if each.made_for is not None)
+
+    @property
+    def homes(self) -> tuple[Track, ...]:
+        """The other tracks."""
+        return tuple(each for each in self.tracks if each.made_for is None)
+
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """What the standings on `homes` show, in sentences."""
+        names = {each.name for each in self.homes}
+        return findings(each for each in self.standings if each.track in names)
+
+    def beside(self) -> dict[str, list[float]]:
+        """Return the mean rho of each policy in each of `cases` [-]; nan where it did not run."""
+        found: dict[str, list[float]] = {}
+        for i, case in enumerate(self.cases):
+            for each in self.ranked(case.name, case.force_scales[0]):
+                found.setdefault(each.policy, [float("nan")] * len(self.cases))[i] = each.rho.value
+        return dict(sorted(found.items(), key=lambda pair: max(pair[1])))
 
     @cached_property
     def standings(self) -> tuple[Standing, ...]:
@@ -180,7 +204,7 @@ def _enter(entry: Entry, tracks: Sequence[Track], seed: int | None) -> _Part:
         if entry.reads is not None and not may_enter(entry.reads, track):
             continue
         try:
-            policy = entry.make(track.at(scale), track, scale)
+            policy = entry.make(track.home.at(scale), track.home, scale)
             if policy is None:
                 continue
             reads, limit = shown_to(policy, track.observe)

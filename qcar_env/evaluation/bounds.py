@@ -18,8 +18,8 @@ class Bound:
     """The optimum of one episode: between `lower` and `upper` lies the best of any force."""
 
     lower: float  # certified: no force within the limit leaves less [-]
-    upper: float  # reached by the found force [-]
-    held: float | None = None  # least of forces held over the control interval, at the samples [-]
+    upper: float  # reached by the found force, at every instant [-]
+    held: float | None = None  # reached by forces held over the control interval [-]
 
 
 @lru_cache(maxsize=4096)
@@ -35,7 +35,7 @@ def optimum(scenario: Scenario, *, held: bool = False) -> Bound:
         policy at that rate. It is a larger program, over many periods.
     """
     found = period_optimum(scenario, samples=OPTIMUM_SAMPLES)
-    at_rate = period_optimum(scenario, dt=scenario.dt, inside=1).value if held else None
+    at_rate = period_optimum(scenario, dt=scenario.dt, inside=4).upper if held else None
     return Bound(lower=found.bound, upper=found.upper, held=at_rate)
 
 

@@ -12,14 +12,13 @@ import numpy as np
 
 from qcar_env.evaluation import storage, tables
 from qcar_env.evaluation.benchmark import Outcome
-from qcar_env.evaluation.standings import findings
-from qcar_env.evaluation.statistics import iqm
+from qcar_env.evaluation.statistics import mean
 from qcar_env.evaluation.tracks import Track
 from qcar_env.scenarios.files import as_record
 
 HEADER = (
     *("#", "policy", "gains", "reads", "rho", "95 % interval", "over the optimum"),
-    "P(< CNVC)",
+    *("worst 5 %", "worst", "above 1", "settled [s]", "P(< CNVC)"),
 )
 
 
@@ -28,7 +27,7 @@ _ENDS = ("lower", "upper")
 
 def summary(outcome: Outcome) -> list[str]:
     """Return what is found, one line each."""
-    said = (*findings(outcome.standings), *outcome.failures)
+    said = (*outcome.findings, *outcome.failures)
     return [f"- {each}" for each in said]
 
 
@@ -38,12 +37,14 @@ def leaderboard(outcome: Outcome) -> str:
     lines += [
         "",
         "rho is the share of the uncontrolled amplitude that is left, the larger of wheel and "
-        "body: interquartile mean over the episodes, with its 95 % bootstrap interval. The "
-        "optimum is the certified lower bound: no force within the limit, of any shape, leaves "
-        "less. P(< CNVC) is the probability that an episode ends with a lower rho than CNVC's "
-        "with the paper's gain 1.2.",
+        "body, at every instant: mean over the episodes, with its 95 % bootstrap interval, mean of "
+        "the worst 5 % of them, the worst, and the share of them that end above no control. "
+        "Settled: after how long the motion stays within 5 % of the uncontrolled amplitude above "
+        "what is left, the median. The optimum is the certified lower bound: no force within the "
+        "limit, of any shape, leaves less. P(< CNVC) is the probability that an episode ends with "
+        "a lower rho than CNVC's with the paper's gain 1.2.",
     ]
-    for each in outcome.tracks:
+    for each in outcome.homes:
         lines += ["", f"## Track `{each.name}`, version {each.version}: {each.title}"]
         lines += [
             "",
@@ -53,7 +54,31 @@ def leaderboard(outcome: Outcome) -> str:
         ]
         for scale in each.force_scales:
             lines += ["", f"### Force limit x {scale:g}", "", *_table(outcome, each, scale)]
+    if outcome.cases:
+        lines += ["", *_robustness(outcome)]
     return "\n".join(lines) + "\n"
+
+
+def _robustness(outcome: Outcome) -> list[str]:
+    """Return the table of the cases that policies were not made for, the least bad first."""
+    first = outcome.cases[0]
+    home, names = first.home, [each.name for each in outcome.cases]
+    table = tables.markdown(
+        ("policy", *names),
+        [[name, *map(_rho, values)] for name, values in outcome.beside().items()],
+        right="l" + "r" * len(names),
+    )
+    return [
+        "## Robustness",
+        "",
+        f"Policies of track `{home.name}` at force limit x {first.force_scales[0]:g}, as they are, "
+        "where one thing is another than what they were made for: mean rho over "
+        f"{first.episodes} episodes, relative to the uncontrolled motion of the case itself. An "
+        f"interval is {1e3 * home.nominal.dt:g} ms; noise is a share of each signal's largest "
+        "uncontrolled value. Sorted by the worst case.",
+        "",
+        *table,
+    ]
 
 
 def write(folder: Path, outcome: Outcome) -> list[str]:
@@ -76,7 +101,7 @@ def write(folder: Path, outcome: Outcome) -> list[str]:
         "versions": storage.versions(),
         "seed": outcome.seed,
         "tracks": [as_record(each) for each in outcome.tracks],
-        "findings": list(findings(outcome.standings)),
+        "findings": list(outcome.findings),
         "standings": [dataclasses.asdict(each) for each in outcome.standings],
         "optimum": [
             {"track": name, "force_scale": scale, "episodes": list(map(dataclasses.asdict, each))}
@@ -97,13 +122,13 @@ def _table(outcome: Outcome, where: Track, scale: float) -> list[str]:
     bound = outcome.bounds[(where.name, scale)]
     rows: list[list[str]] = []
     if bound:
-        low, high = (_rho(float(iqm([getattr(b, end) for b in bound]))) for end in _ENDS)
-        rows.append(["", "*optimum*", "", "everything", low, f"up to {high} reached", "", ""])
+        low, high = (_rho(float(mean([getattr(b, end) for b in bound]))) for end in _ENDS)
+        rows.append(["", "*optimum*", "", "everything", low, f"up to {high} reached", *[""] * 6])
     held = [each.held for each in bound if each.held is not None]
     if held:
         rate = f"*optimum at {1.0 / where.nominal.dt:g} Hz*"
         shape = "forces held over the control interval"
-        rows.append(["", rate, "", "everything", _rho(max(held)), shape, "", ""])
+        rows.append(["", rate, "", "everything", _rho(max(held)), shape, *[""] * 6])
     for number, each in enumerate(outcome.ranked(where.name, scale), start=1):
         chance = each.improvement
         left = f", {each.terminated} episodes left the travel limits" if each.terminated else ""
@@ -116,10 +141,14 @@ def _table(outcome: Outcome, where: Track, scale: float) -> list[str]:
                 _rho(each.rho.value),
                 f"{_rho(each.rho.low)} to {_rho(each.rho.high)}",
                 f"x {each.over_optimum:.3f}" if np.isfinite(each.over_optimum) else "-",
+                _rho(each.cvar),
+                _rho(each.worst),
+                f"{100.0 * each.above:.3g} %",
+                f"{each.settling:.2f}" if np.isfinite(each.settling) else "-",
                 f"{chance.value:.2f} ({chance.low:.2f} to {chance.high:.2f})" if chance else "",
             ]
         )
-    return tables.markdown(HEADER, rows, right="rlllrlrl")
+    return tables.markdown(HEADER, rows, right="rlllrlrrrrrl")
 
 
 def _rho(value: float) -> str:

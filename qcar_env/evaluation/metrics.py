@@ -116,39 +116,40 @@ def rms(values: ArrayLike) -> float:
     return float(np.sqrt(np.mean(array * array)))
 
 
-def settling_time(t: ArrayLike, envelope: ArrayLike, band: float = 0.05) -> float:
-    """Return when an envelope enters the band around its final value for good.
+def settling_time(t: ArrayLike, envelope: ArrayLike, left: float, band: float = 0.05) -> float:
+    """Return when an envelope comes down to what is left in the end, for good.
 
     Parameters
     ----------
     t : array_like (k,)
         Times [s].
     envelope : array_like (k,)
-        Envelope amplitude [m].
+        Envelope amplitude over the uncontrolled one [-].
+    left : float
+        What is left of it in the end [-].
     band : float
-        Half width of the band, as a share of the distance from first to final value [-].
+        How far above that counts as settled [-]: a share of the uncontrolled amplitude.
 
     Returns
     -------
     float
-        Time since `t[0]` [s]; infinite for a motion that diverges, whose envelope does not stay
-        finite.
+        Time since `t[0]` [s]; infinite where it is outside the band to the last sample, or does
+        not stay finite.
 
     Raises
     ------
     ValueError
-        If there is no sample, the lengths differ, or the band is not positive.
+        If there is no sample, the lengths differ, times do not rise, or a number is out of range.
     """
     positive("band", band)
+    finite("what is left", left, "-")
     time, values = _record(t, "envelope", envelope)
-    if not np.all(np.isfinite(values)):
-        return math.inf
-    final = float(np.mean(values[-max(1, len(values) // 20) :]))
-    # an envelope that does not change differs from its own mean by a rounding error
-    width = max(band * abs(float(values[0]) - final), 1e-12 * abs(final))
-    outside = np.flatnonzero(np.abs(values - final) > width)
-    last = int(outside[-1]) + 1 if outside.size else 0
-    return float(time[min(last, len(time) - 1)] - time[0])
+    if not np.all(np.diff(time) > 0.0):
+        raise ValueError("t must rise, got times that fall or repeat; sort the samples")
+    inside = values <= left + band  # false where it is no number
+    outside = np.flatnonzero(~inside)
+    first = int(outside[-1]) + 1 if outside.size else 0
+    return float(time[first] - time[0]) if first < len(time) else math.inf
 
 
 def _check_amplitudes(uncontrolled: float, controlled: float) -> None:

@@ -16,10 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from qcar_env.engine.cars import NEXT_STEP, Cars
 from qcar_env.engine.random import streams
+from qcar_env.engine.starts import MOTION_DRAWS, NOISE_DRAWS
 from qcar_env.envs import episode as task
 from qcar_env.evaluation import metrics
 from qcar_env.evaluation.policy import Policy, actions_of, check_policy
 from qcar_env.evaluation.tracks import Episode
+from qcar_env.physics.peaks import largest_between
 from qcar_env.physics.signals import Signal, signal
 from qcar_env.scenarios import Scenario
 from qcar_env.scenarios.plan import Plan
@@ -44,6 +46,7 @@ class Rollout:
     reward: Array  # (k,) [-]
     terminated: bool  # whether a displacement left its limit
     scenario: Scenario  # as drawn
+    before: tuple[float, float, float, float]  # x1, x2, v1, v2 when the first interval begins
     signals: Mapping[str, Array] = field(default_factory=dict[str, Array])  # (k,) others, by name
 
     def window(self, periods: int | None) -> slice:
@@ -62,9 +65,15 @@ class Rollout:
         return metrics.last_periods(self.t, self.scenario.excitation.omega, periods)
 
     def amplitudes(self, periods: int | None) -> tuple[float, float]:
-        """Return the largest ``|x1|`` and ``|x2|`` at control instants [m] (see `window`)."""
-        window = self.window(periods)
-        return float(np.abs(self.x1[window]).max()), float(np.abs(self.x2[window]).max())
+        """Return the largest ``|x1|`` and ``|x2|`` at every instant [m] (see `window`)."""
+        first = self.window(periods).start or 0
+        rows = (each[max(first - 1, 0) :] for each in (self.x1, self.x2, self.v1, self.v2))
+        states = np.stack(tuple(rows), axis=1)
+        if not first:
+            states = np.vstack([self.before, states])
+        (x0, v0), (x1, v1) = ((each[:, :2], each[:, 2:]) for each in (states[:-1], states[1:]))
+        a1, a2 = largest_between(x0, v0, x1, v1, self.scenario.dt).max(axis=0)
+        return float(a1), float(a2)
 
     def rho(self, periods: int | None) -> float:
         """Return `metrics.rho` of the episode (see `window`): the share of its vibration left."""
@@ -78,6 +87,7 @@ class Rollouts:
     episodes: tuple[Episode, ...]  # n
     duration: float  # of each [s]
     t: Array  # (k,) time since the start, at the end of each interval [s]
+    before: Array  # (n, 4) states when the first interval that is kept begins
     x: Array  # (k, n, 4) states (x1, x2, v1, v2) [m, m, m/s, m/s]
     force: Array  # (k, n, m) force of each actuator then [m/s^2] or [N]
     reward: Array  # (k, n) [-]
@@ -99,6 +109,7 @@ class Rollouts:
     def _one(self, j: int, scenario: Scenario) -> Rollout:
         k = slice(0, int(self.lasted[j]))
         state = dict(zip(("x1", "x2", "v1", "v2"), self.x[k, j].T, strict=True))
+        x1, x2, v1, v2 = self.before[j].tolist()
         return Rollout(
             **state,
             t=self.t[k],
@@ -106,6 +117,7 @@ class Rollouts:
             reward=self.reward[k, j],
             terminated=bool(self.terminated[j]),
             scenario=scenario,
+            before=(x1, x2, v1, v2),
             signals={name: each[k, j] for name, each in self.signals.items()},
         )
 
@@ -220,14 +232,16 @@ def rollouts(
     check_policy(policy)
     shown = task.observed(observe, observe_limit)
     kept = tuple(dataclasses.replace(signal(each), scale=UNSCALED) for each in signals)
-    cars, lasting = _fleet(episodes, (*shown, *kept), duration)
+    cars, lasting = fleet(episodes, (*shown, *kept), duration)
     n, size, dt, steps = cars.n, cars.actions, lasting.dt, lasting.steps
     rows = steps if last is None else min(whole("last", last), steps)
     x, force = np.empty((rows, n, 4)), np.empty((rows, n, size))
     reward, others = np.empty((rows, n)), np.empty((rows, n, len(kept)))
     given = np.array([(*each.state, each.phase) for each in episodes], dtype=np.float64)
-    # State and phase are given, so that what they would be drawn from does not matter.
+    # State and phase are given, so that what they would be drawn from does not matter. Sensors
+    # have noise of their own in each episode.
     uniforms = np.zeros((n, cars.uniforms.shape[1]))
+    uniforms[:, -MOTION_DRAWS - NOISE_DRAWS] = np.random.default_rng(0).random(n)
     for row, each in zip(uniforms, episodes, strict=True):
         row[: len(each.uniforms)] = each.uniforms
     seen = cars.reset(np.ones(n, dtype=bool), given, uniforms)
@@ -235,6 +249,7 @@ def rollouts(
     lasted = np.full(n, rows)
     end: Any = None  # states of cars whose episodes are over
     memory: Any = None
+    before = cars.states
     for k in range(steps):
         shown_now = np.ascontiguousarray(seen[:, : len(shown)])
         action, memory = actions_of(policy, shown_now, memory, begins, size)
@@ -250,10 +265,12 @@ def rollouts(
             begins[begun.cars] = True
         row = k - (steps - rows)
         out = ends[0] & ~over
-        if row >= 0 or out.any():
+        if row >= -1 or out.any():
             states = cars.states
             if over.any():
                 states[over] = end[over]
+            if row == -1:
+                before = states
             if row >= 0:
                 x[row], force[row], reward[row] = states, pushed, rewards[0]
                 others[row] = seen[:, len(shown) :]
@@ -264,6 +281,7 @@ def rollouts(
         episodes=tuple(episodes),
         duration=lasting.duration,
         t=dt * np.arange(steps - rows + 1, steps + 1, dtype=np.float64),
+        before=before,
         x=x,
         force=force,
         reward=reward,
@@ -273,10 +291,20 @@ def rollouts(
     )
 
 
-def _fleet(
-    episodes: Any, observed: tuple[Signal, ...], duration: float | None
+def fleet(
+    episodes: Any, observed: tuple[Signal, ...], duration: float | None = None
 ) -> tuple[Cars, Scenario]:
-    """Return cars that draw from what the episodes do, and a scenario of their length."""
+    """Return cars that draw from what the episodes do, and a scenario of their length.
+
+    Parameters
+    ----------
+    episodes : sequence of Episode
+        With the same parts, control interval and number of actuators; one car each.
+    observed : tuple of Signal
+        What the cars show.
+    duration : float, optional
+        Length of each [s]; the scenario's if left out.
+    """
     if not isinstance(episodes, Sequence) or not all(isinstance(e, Episode) for e in episodes):
         raise ValueError(
             f"episodes must be a sequence of Episode, got {type(episodes).__name__}; take them "

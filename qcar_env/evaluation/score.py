@@ -45,7 +45,7 @@ class Row:
     peak_force_2: float
     rms_force_1: float
     rms_force_2: float
-    settling_time: float  # of the larger relative envelope [s]
+    settling_time: float  # until the larger relative envelope stays near what is left [s]
     terminated: bool  # left the travel limits
 
 
@@ -139,12 +139,15 @@ def _row(rollout: Rollout, episode: Episode, track: Track, names: dict[str, Any]
     envelope = np.maximum(
         np.hypot(rollout.x1, rollout.v1 / omega) / a1, np.hypot(rollout.x2, rollout.v2 / omega) / a2
     )
+    end = slice(-max(1, len(envelope) // 20), None)
+    left = envelope[end if track.periods is None else rollout.window(track.periods)].max()
+    settled = metrics.settling_time(rollout.t, envelope, float(left))
     return Row(
         **names,
         track=track.name,
         version=track.version,
         drawn="; ".join(f"{path} {value!r}" for path, value in episode.drawn.items()),
         **found.measures,
-        settling_time=metrics.settling_time(rollout.t, envelope),
+        settling_time=np.inf if found.terminated else settled,
         terminated=found.terminated,
     )

@@ -8,7 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from qcar_env.evaluation.score import Row
-from qcar_env.evaluation.statistics import Interval, bootstrap, improvement_interval, iqm
+from qcar_env.evaluation.statistics import (
+    Interval,
+    bootstrap,
+    cvar,
+    improvement_interval,
+    mean,
+)
 
 ALIKE = 0.01  # [-] relative difference of rho that no driver would feel
 
@@ -22,8 +28,12 @@ class Standing:
     reads: str
     track: str
     force_scale: float
-    rho: Interval  # interquartile mean over the episodes [-]
-    optimum: float  # the same of the lower bounds [-]; not a number where none is known
+    rho: Interval  # mean over the episodes [-]
+    cvar: float  # mean of the worst 5 % of them [-]
+    worst: float  # [-]
+    above: float  # share of them that end above no control [-]
+    settling: float  # median of their settling times [s]
+    optimum: float  # mean of the lower bounds [-]; not a number where none is known
     improvement: Interval | None  # probability of a lower rho than the reference's [-]
     terminated: int  # episodes that left the travel limits
 
@@ -72,8 +82,12 @@ def standings(
                     reads=each[0].reads,
                     track=key[0],
                     force_scale=key[1],
-                    rho=bootstrap([values], iqm, rng),
-                    optimum=float(iqm(bounds[key])) if bounds[key] else float("nan"),
+                    rho=bootstrap([values], mean, rng),
+                    cvar=float(cvar(values)),
+                    worst=max(values),
+                    above=float(np.mean(np.array(values) > 1.0)),
+                    settling=float(np.median([row.settling_time for row in each])),
+                    optimum=float(mean(bounds[key])) if bounds[key] else float("nan"),
                     improvement=versus if name != reference else None,
                     terminated=sum(row.terminated for row in each),
                 )

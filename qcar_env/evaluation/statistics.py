@@ -1,4 +1,4 @@
-"""Statistics of few runs: interquartile mean, stratified bootstrap, shares, improvement.
+"""Statistics of few runs: mean, mean of the worst, stratified bootstrap, shares, improvement.
 
 Source: R. Agarwal, M. Schwarzer, P. S. Castro, A. Courville, M. G. Bellemare, Deep reinforcement
 learning at the edge of the statistical precipice, NeurIPS 2021. All draws come from the generator
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,7 @@ from qcar_env.validation import finite, whole
 Array = NDArray[np.float64]
 Statistic = Callable[[Array], Array]
 
+WORST = 0.05  # [-] share of the episodes that `cvar` looks at
 RESAMPLES = 2000  # bootstrap resamples: the ends of a 95 % interval to a few % of its width
 
 
@@ -32,19 +34,20 @@ class Interval:
     level: float  # share of resamples inside [-]
 
 
-def iqm(values: ArrayLike) -> Array:
-    """Return the interquartile mean along the last axis.
+def mean(values: ArrayLike) -> Array:
+    """Return the mean along the last axis, shape (...), of values (..., n)."""
+    return _some(values).mean(axis=-1)
+
+
+def cvar(values: ArrayLike, worst: float = WORST) -> Array:
+    """Return the mean of the worst, the conditional value at risk, shape (...).
 
     Parameters
     ----------
     values : array_like (..., n)
-        At least one value.
-
-    Returns
-    -------
-    ndarray (...)
-        Mean of what is left when the lowest and the highest quarter are dropped, each rounded
-        down to whole values, as in `scipy.stats.trim_mean`.
+        At least one value; larger is worse.
+    worst : float
+        Which share of them [-]; at least one value is taken.
 
     Raises
     ------
@@ -52,13 +55,8 @@ def iqm(values: ArrayLike) -> Array:
         If there is no value.
     """
     ordered = np.sort(_some(values), axis=-1)
-    drop = ordered.shape[-1] // 4
-    return ordered[..., drop : ordered.shape[-1] - drop].mean(axis=-1)
-
-
-def mean(values: ArrayLike) -> Array:
-    """Return the mean along the last axis, shape (...) (arguments and errors: `iqm`)."""
-    return _some(values).mean(axis=-1)
+    count = max(1, round(worst * ordered.shape[-1]))
+    return ordered[..., -count:].mean(axis=-1)
 
 
 def bootstrap(
@@ -77,7 +75,7 @@ def bootstrap(
         Values by stratum (a task, a force limit, a training seed); each stratum is resampled by
         itself, so that a resample holds as many of each as the data.
     statistic : callable
-        Maps ``(..., n)`` to ``(...)``, as `iqm` and `mean`.
+        Maps ``(..., n)`` to ``(...)``, as `mean` and `cvar`.
     rng : numpy.random.Generator
         Where the draws come from.
     resamples : int
@@ -228,8 +226,9 @@ def _drawn(values: Array, rng: np.random.Generator, resamples: int) -> Array:
 
 def _improvement(better: Array, worse: Array) -> Array:
     """Return the share of pairs along the last axes that are better; a tie counts half."""
-    x, y = better[..., :, np.newaxis], worse[..., np.newaxis, :]
-    return np.mean((x < y) + 0.5 * (x == y), axis=(-2, -1))
+    pairs = better.shape[-1] * worse.shape[-1]
+    found: Any = stats.mannwhitneyu(worse, better, axis=-1, method="asymptotic")
+    return found.statistic / pairs
 
 
 def _interval(value: ArrayLike, resampled: Array, level: float) -> Interval:

@@ -208,7 +208,40 @@ def histories(
     return axes
 
 
-def robustness(ax: Axes, policies: Mapping[str, ArrayLike], bound: ArrayLike) -> Axes:
+def robustness(ax: Axes, policies: Mapping[str, Sequence[float]], cases: Sequence[str]) -> Axes:
+    """Draw a table of what is left in cases that policies were not made for, dark where much is.
+
+    Parameters
+    ----------
+    policies : mapping of str to sequence of float
+        rho in each case by policy [-]; not a number where it did not run.
+    cases : sequence of str
+        What the cases are.
+    """
+    values = np.array([list(each) for each in policies.values()], dtype=np.float64)
+    shade = np.log10(np.clip(values, 1e-3, 1.0))
+    ax.imshow(shade, cmap="YlOrRd", aspect="auto", vmin=-3.0, vmax=0.5)
+    for (row, column), value in np.ndenumerate(values):
+        if np.isfinite(value):
+            text = f"{value:.3f}".lstrip("0") if value < 1.0 else f"{value:.2f}"
+            white = value > 0.4
+            ax.text(
+                *(column, row, text),
+                ha="center",
+                va="center",
+                fontsize=5.5,
+                color="white" if white else "black",
+                fontweight="bold" if value > 1.0 else "normal",
+            )
+    ax.set_xticks(range(len(cases)), cases, rotation=40, ha="left", fontsize=6.5)
+    ax.set_yticks(range(len(policies)), list(policies), fontsize=6.5)
+    ax.xaxis.tick_top()
+    ax.tick_params(length=0.0)
+    ax.grid(visible=False)
+    return ax
+
+
+def shares(ax: Axes, policies: Mapping[str, ArrayLike], bound: ArrayLike) -> Axes:
     """Draw the share of held-out episodes in which at most some vibration is left.
 
     Parameters

@@ -31,7 +31,9 @@ def figures(outcome: Outcome) -> Iterator[tuple[str, Figure]]:
             figure = _force_velocity(outcome, tracks["budget"], scale)
             yield f"force_velocity_budget_{scale:g}", figure
     if "randomised" in tracks:
-        yield "robustness_randomised", _robustness(outcome, tracks["randomised"])
+        yield "shares_randomised", _shares(outcome, tracks["randomised"])
+    if outcome.cases:
+        yield "robustness", _robustness(outcome)
 
 
 def _frontier(outcome: Outcome, track: Track) -> Figure:
@@ -61,7 +63,15 @@ def _frontier(outcome: Outcome, track: Track) -> Figure:
     return figure
 
 
-def _robustness(outcome: Outcome, track: Track) -> Figure:
+def _robustness(outcome: Outcome) -> Figure:
+    found = outcome.beside()
+    figure = plt.figure(figsize=(plots.DOUBLE_COLUMN, 1.0 + 0.17 * len(found)))
+    ax = figure.subplots()
+    plots.robustness(ax, found, [each.name for each in outcome.cases])
+    return figure
+
+
+def _shares(outcome: Outcome, track: Track) -> Figure:
     figure = plt.figure(figsize=plots.SIZE)
     axes = figure.subplots(1, len(track.force_scales), sharey=True, squeeze=False)[0]
     for ax, scale in zip(axes, track.force_scales, strict=True):
@@ -71,7 +81,7 @@ def _robustness(outcome: Outcome, track: Track) -> Figure:
         if best:
             shown["learned"] = rho[best.policy]
         lower = [each.lower for each in outcome.bounds[(track.name, scale)]]
-        plots.robustness(ax, shown, lower)
+        plots.shares(ax, shown, lower)
         ax.set_title(f"force limit x {scale:g}")
     axes[0].set_ylabel("share of held-out episodes [-]")
     shared_legend(figure, axes)

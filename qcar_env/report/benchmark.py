@@ -12,7 +12,7 @@ import numpy as np
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.benchmark import Outcome, Unit
 from qcar_env.evaluation.score import Row
-from qcar_env.evaluation.standings import Standing, findings
+from qcar_env.evaluation.standings import Standing
 from qcar_env.evaluation.tracks import Track
 from qcar_env.plots.benchmark import LOOKS, look
 from qcar_env.plots.style import Line, line
@@ -50,8 +50,8 @@ def page(path: Path, outcome: Outcome) -> Path:
 
 def benchmark(outcome: Outcome, provenance: Mapping[str, str]) -> Report:
     """Collect the report of a benchmark, with what is needed to make it again."""
-    tracks, standings = outcome.tracks, outcome.standings
-    nominal = tracks[0].nominal
+    tracks, standings = outcome.homes, outcome.standings
+    nominal = outcome.tracks[0].nominal
     shown = _shown(standings)
     looks = _looks(standings)
     charts = [
@@ -68,9 +68,10 @@ def benchmark(outcome: Outcome, provenance: Mapping[str, str]) -> Report:
         lead="How much vibration does each policy leave at equal force, and how far is that from "
         "the best that any force could do? rho is the larger of the two steady amplitudes over "
         "those without control: 1 is no control, 0 is stillness.",
-        findings=findings(standings),
+        findings=outcome.findings,
         tables=(
             *(_board(each, outcome, looks) for each in tracks),
+            *(_robustness(outcome, looks) for _ in outcome.cases[:1]),
             _everything(outcome.rows, nominal.actuator.unit, looks),
         ),
         charts=tuple(charts),
@@ -115,15 +116,17 @@ def _board(track: Track, outcome: Outcome, looks: Mapping[str, Line]) -> Table:
     places: dict[str, dict[float, Standing]] = {}
     for scale in scales:
         where = f" at {scale:g}" if several else ""
-        columns.append(number(f"rho{where}", "", 3, "interquartile mean over the episodes"))
+        columns.append(number(f"rho{where}", "", 3, "mean over the episodes"))
         columns += words("95 %", note="bootstrap interval of rho")
         ranked = outcome.ranked(track.name, scale)
         optimum += [ranked[0].optimum if ranked else None, "certified"]
         for each in ranked:
             places.setdefault(each.policy, {})[scale] = each
         if not several:
-            columns.append(number("better than CNVC", "%", 2, "probability"))
-            optimum.append(None)
+            columns.append(number("worst", "", 3, "over the episodes"))
+            columns.append(number("above 1", "%", 2, "episodes that end above no control"))
+            columns.append(number("settled", "s", 2, "median"))
+            optimum += [None, None, None]
     columns += words("gains", note="published, tuned, learned, or yours")
     columns += words("reads", note="what the policy is shown")
     rows: list[tuple[Cell, ...]] = [(*optimum, "", "")]
@@ -137,7 +140,7 @@ def _board(track: Track, outcome: Outcome, looks: Mapping[str, Line]) -> Table:
             left = f", {each.terminated} left the travel limit" if each.terminated else ""
             cells += [each.rho.value, f"{each.rho.low:.3g} to {each.rho.high:.3g}{left}"]
             if not several:
-                cells.append(100.0 * each.improvement.value if each.improvement else None)
+                cells += [each.worst, 100.0 * each.above, each.settling]
         any_of = next(iter(found.values()))
         rows.append((*cells, any_of.kind, any_of.reads))
     note = "; the number behind rho is the force limit over the scenario's own" if several else ""
@@ -148,6 +151,20 @@ def _board(track: Track, outcome: Outcome, looks: Mapping[str, Line]) -> Table:
         columns=tuple(columns),
         rows=tuple(rows),
         colours=(line("optimum").color, *(looks[policy].color for policy in places)),
+    )
+
+
+def _robustness(outcome: Outcome, looks: Mapping[str, Line]) -> Table:
+    """Return rho where policies meet what they were not made for."""
+    found, first = outcome.beside(), outcome.cases[0]
+    return Table(
+        title="Robustness",
+        note=f"Policies of track {first.home.name} at force limit {first.force_scales[0]:g}, as "
+        "they are, where one thing is another than what they were made for. Mean rho over "
+        f"{first.episodes} episodes, relative to the uncontrolled motion of the case itself.",
+        columns=(*words("policy"), *(number(each.name, "", 3) for each in outcome.cases)),
+        rows=tuple((name, *values) for name, values in found.items()),
+        colours=tuple(looks[name].color for name in found),
     )
 
 

@@ -73,7 +73,7 @@ def exported(monkeypatch):
 
 @pytest.fixture(autouse=True)
 def short_evaluations(monkeypatch):
-    monkeypatch.setattr(training, "LIVE_CROSSING", 0.5)
+    monkeypatch.setattr(training, "LIVE", 0.5)
     monkeypatch.setattr(
         training, "score_all", lambda policy, recipe, split: {"1": {"rho": 0.5, "x1": 0, "x2": 0}}
     )
@@ -120,7 +120,7 @@ def test_one_seed_gives_one_policy_and_a_resumed_training_the_same(algorithm):
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs") / "ppo-paper-seed1"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "LIVE_CROSSING", 0.5)
+        patch.setattr(training, "LIVE", 0.5)
         patch.setattr(training, "score_all", lambda *_: {"1": {"rho": 0.5, "x1": 0, "x2": 0}})
         train(TINY["ppo"], 1, folder)
     return folder

@@ -14,8 +14,10 @@ BUDGET = track("budget")
 
 @pytest.fixture(autouse=True)
 def short(monkeypatch):
-    """Crossings of a second and few candidates: the machinery, not the gains."""
+    """Episodes of a second and few candidates: the machinery, not the gains."""
     monkeypatch.setattr(tune, "DURATION", 1.0)
+    monkeypatch.setattr(tune, "VARIED_DURATION", 1.0)
+    monkeypatch.setattr(tune, "VARIED", 4)
     monkeypatch.setattr(tune, "PERIODS", 3)
     monkeypatch.setattr(tune, "SETTLED", 1.0)
     few = {
@@ -60,7 +62,7 @@ def test_gains_are_tuned_on_a_road_without_periods_too():
     assert found.validation_rho <= tune.validate("skyhook", {"G": 0.1}, hump, 1.0)
 
 
-def test_training_never_sees_the_held_out_crossings(monkeypatch):
+def test_training_never_sees_the_held_out_episodes(monkeypatch):
     asked = []
     original = tune.episodes
 
@@ -69,7 +71,8 @@ def test_training_never_sees_the_held_out_crossings(monkeypatch):
         return original(where, split, **options)
 
     monkeypatch.setattr(tune, "episodes", spy)
-    tune.tune("skyhook", track("randomised"), 0.5, population=6, crossings=2)
+    few = dataclasses.replace(track("randomised"), episodes=4)
+    tune.tune("skyhook", few, 0.5, population=6)
     assert set(asked) == {"training", "validation"}
 
 
@@ -114,7 +117,6 @@ def test_the_store_is_of_the_tracks_of_today():
     [
         ("seed", -1, "seed must be at least 0, got -1; give 0 or more"),
         ("population", 4, "population must be at least 5, got 4; give 5 or more"),
-        ("crossings", 0, "crossings must be at least 1, got 0; give 1 or more"),
     ],
 )
 def test_a_search_of_nothing_is_refused(argument, value, message):

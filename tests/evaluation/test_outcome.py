@@ -19,18 +19,19 @@ def record(nominal, seconds, terminated=False):
     """Return a rollout whose first half is ten times larger than its second."""
     t = nominal.dt * np.arange(1, round(seconds / nominal.dt) + 1)
     size = np.where(t <= t[-1] / 2, 10.0, 1.0)
-    x = size * np.cos(nominal.reference_frequency * t)
+    omega = nominal.reference_frequency
+    x, v = size * np.cos(omega * t), -size * omega * np.sin(omega * t)
     force = np.outer(x, [3.0, 7.0][: nominal.actuator.size])
     return Rollout(
-        t=t, x1=0.1 * x, x2=-0.2 * x, v1=x, v2=x, force=force, reward=x,
-        terminated=terminated, scenario=nominal,
+        t=t, x1=0.1 * x, x2=-0.2 * x, v1=0.1 * v, v2=-0.2 * v, force=force, reward=x,
+        terminated=terminated, scenario=nominal, before=(1.0, -2.0, 0.0, 0.0),
     )  # fmt: skip
 
 
 def test_on_an_endless_road_the_last_periods_count():
     found = outcome("mine", record(PAPER, 5.0), periods=5)
-    # samples 0.275 rad apart miss a peak by 0.275^2 / 8 at most
-    assert found.amplitudes == pytest.approx((0.1, 0.2), rel=0.01)
+    # a cubic over 0.275 rad misses a peak by 0.275^4 / 384
+    assert found.amplitudes == pytest.approx((0.1, 0.2), rel=2e-5)
     assert found.peak_force == pytest.approx((3.0, 7.0), rel=0.01)
     # 115 samples of five periods of 114.2: the rest of a sample
     assert found.rms_force == pytest.approx((3.0 / math.sqrt(2), 7.0 / math.sqrt(2)), rel=0.01)

@@ -51,8 +51,8 @@ def test_bars_are_percent_above_the_optimum_where_there_is_one(ax):
     assert [label.get_text() for label in ax.get_xticklabels()] == ["0.25", "0.5"]
 
 
-def test_robustness_ends_at_one(ax):
-    benchmark.robustness(ax, {"cnvc": [0.2, 0.1, 0.4]}, [0.05, 0.05, 0.1])
+def test_shares_end_at_one(ax):
+    benchmark.shares(ax, {"cnvc": [0.2, 0.1, 0.4]}, [0.05, 0.05, 0.1])
     for line in ax.get_lines():
         assert line.get_ydata()[0] == 0.0
         assert line.get_ydata()[-1] == 1.0
@@ -60,7 +60,7 @@ def test_robustness_ends_at_one(ax):
 
 
 def test_robustness_has_a_band_of_the_share_around_each_line(ax):
-    benchmark.robustness(ax, {"cnvc": [0.2, 0.1, 0.4]}, [0.05, 0.05, 0.1])
+    benchmark.shares(ax, {"cnvc": [0.2, 0.1, 0.4]}, [0.05, 0.05, 0.1])
     assert len(ax.collections) == 2
     for band in ax.collections:
         edges = band.get_paths()[0].vertices
@@ -89,3 +89,10 @@ def test_every_look_is_another_one():
     looks = [(look.color, look.linestyle) for look in benchmark.LOOKS.values()]
     assert len(set(looks)) == len(looks)
     assert benchmark.look("my_module:policy").color
+
+
+def test_robustness_writes_every_number_and_leaves_out_what_did_not_run(ax):
+    found = {"cnvc": [0.102, 1.14], "mine": [0.0006, float("nan")]}
+    benchmark.robustness(ax, found, ["nominal", "speed +10 %"])
+    assert [text.get_text() for text in ax.texts] == [".102", "1.14", ".001"]
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["cnvc", "mine"]
