@@ -49,7 +49,7 @@ OPTIONS: command.Options = {
     ),
     "duration": (
         float,
-        f"simulated time from rest [s] (default: {STEADY:g} on an endless road)",
+        f"simulated time from rest [s] (default: {STEADY:g} where road or force has no end)",
     ),
     "out": (
         Path("results/compare"),
@@ -68,7 +68,8 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.force_limit is not None:
         actuator = dataclasses.replace(base.actuator, limit=tuple(arguments.force_limit))
         base = dataclasses.replace(base, actuator=actuator)
-    length = STEADY if base.excitation.harmonic else base.duration
+    endless = base.excitation.harmonic or base.force.f != 0.0
+    length = STEADY if endless else base.duration
     if arguments.duration is not None:
         length = positive("duration", arguments.duration, "s")
     storage.check_folder(out)

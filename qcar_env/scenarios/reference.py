@@ -1,14 +1,16 @@
 """The uncontrolled motion of a scenario: what observations, rewards and scores are divided by.
 
 On a harmonic road a linear car has a steady motion, whose amplitudes scores divide by. Elsewhere
-they are the largest displacements of an episode from rest. What a policy is shown is divided by the
-largest value that the same signal reaches without control: from rest, with its transient, and from
-starts as episodes draw them.
+they are the largest displacements of an episode from rest; where the road has ended by then and is
+level, of all the motion that follows, however short the episode. What a policy is shown is divided
+by the largest value that the same signal reaches without control: in that motion, with its
+transient, and in episodes from starts as they are drawn.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 DRAWN = 32  # episodes from drawn starts that are looked at beside the one from rest
 MOST_STEPS = 100_000  # control intervals that are looked at, chosen here: some seconds of work
 ACTUATORS = {"u1": 0, "u2": 1}  # signals of forces, and which actuator makes them
+SETTLED = math.log(1e6)  # [-] time constants of the slowest mode until a motion is steady
 TINY = 1e-6  # makes a reading of any signal small enough for the bound of an observation
 
 
@@ -171,7 +174,7 @@ def _largest(
         )
     masses = scenario.car.has_masses
     chosen = signals or tuple(each for each in SIGNALS.values() if masses or not each.needs_masses)
-    rest = _idle(Plan(scenario, chosen, unscaled=UNSCALED), None, 1)
+    rest = _idle(Plan(_until_steady(scenario), chosen, unscaled=UNSCALED), None, 1)
     names = [each.name for each in chosen]
     if signals:
         basis, _ = _largest(scenario, ())
@@ -184,6 +187,19 @@ def _largest(
     drawn = _idle(begun, 0, DRAWN)
     largest = np.maximum(rest, drawn)
     return basis, {name: float(each) for name, each in zip(names, largest, strict=True)}
+
+
+def _until_steady(scenario: Scenario) -> Scenario:
+    """Return the scenario with a longer episode, if its road ends in it and leaves a level one."""
+    road = scenario.excitation
+    decay = -float(np.linalg.eigvals(linear.jacobian(scenario.car)).real.max())
+    if road.end > scenario.duration or decay <= 0.0:
+        return scenario
+    last = min(max(road.end, 0.0) + SETTLED / decay, MOST_STEPS * scenario.dt)
+    after = road.height(np.linspace(road.end, last, 1000))
+    if last <= scenario.duration or np.any(after != after[0]):
+        return scenario
+    return dataclasses.replace(scenario, duration=last)
 
 
 def _idle(plan: Any, seed: int | None, n: int) -> NDArray[np.float64]:

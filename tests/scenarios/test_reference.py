@@ -13,10 +13,15 @@ from qcar_env.physics import linear
 from qcar_env.physics.external_force import ExternalForce
 from qcar_env.physics.signals import SIGNALS, signal
 from qcar_env.roads import excitation
-from qcar_env.roads.shapes import HalfSine, Sine
+from qcar_env.roads.functions import FunctionRoad
+from qcar_env.roads.shapes import HalfSine, Sine, Step
 from qcar_env.roads.train import Train
 
 PAPER, HUMP = scenario("paper"), scenario("mathworks-hump")
+
+
+def _rise(s):
+    return 0.01 * (s - 1.0) if s > 1.0 else 0.0
 
 
 def peaks(found):
@@ -40,6 +45,52 @@ def peaks(found):
 def test_amplitudes_of_a_hump_are_the_peaks_of_a_crossing_from_rest():
     # peaks between two control instants are missed by (58 rad/s * 5 ms)^2 / 8 = 1 % at most
     assert HUMP.reference.amplitudes == pytest.approx(tuple(peaks(HUMP)[:2]), rel=0.01)
+
+
+STEP = scenario("paper-step")
+
+
+@pytest.mark.parametrize("f", [0.0, 24.8])
+@pytest.mark.parametrize("start", [0.0, 0.25])
+def test_a_step_is_measured_with_where_it_leaves_the_car_however_short_the_episode(start, f):
+    h, w = 0.1, 55.0
+    road, force = Step(h=h, start=start * STEP.speed), ExternalForce(f=f, Omega=w)
+    step = dataclasses.replace(STEP, road=road, force=force, duration=0.5)
+    found = np.array(step.reference.amplitudes)
+    m = linear.matrices(step.car)
+    static = np.linalg.solve(-m.A, m.R[:, 0] * h)
+    shaken = np.linalg.solve(1j * w * np.eye(4) - m.A, m.R[:, 2] * f)
+    comes_to = (np.abs(static) + np.abs(shaken))[:2]
+    # 1e-6 of the transient is left, and 10 000 phases have been seen
+    assert np.all(found >= comes_to * (1.0 - 1e-4))
+
+    def rate(t, x, y):
+        return m.A @ x + m.R[:, 0] * y + m.R[:, 2] * f * np.cos(w * t)
+
+    x, most = np.zeros(4), np.zeros(2)
+    for a, b, y in ((0.0, start, 0.0), (start, 70.0, h)):
+        x = x + m.R[:, 1] * y  # the rate of a step is infinite for no time
+        t = np.linspace(a, b, 2 + round((b - a) / 5e-4))
+        if a < b:
+            moved = solve_ivp(rate, (a, b), x, "DOP853", t, args=(y,), rtol=1e-10, atol=1e-12).y
+            x, most = moved[:, -1], np.maximum(most, np.abs(moved[:2]).max(axis=1))
+    # peaks between two control instants are missed by (55 rad/s * 5 ms)^2 / 8 = 1 % at most
+    assert np.all(most <= 1.01 * found)
+    assert np.all(most >= 0.999 * found)
+
+
+def test_the_amplitudes_on_a_step_do_not_depend_on_the_length_of_the_episode():
+    longer = dataclasses.replace(STEP, duration=20.0)
+    assert longer.reference.amplitudes == STEP.reference.amplitudes
+
+
+def test_a_road_that_ends_after_the_episode_or_goes_on_is_measured_in_the_episode():
+    late = dataclasses.replace(STEP, road=Step(h=0.1, start=100.0))  # met after 12.5 s
+    flat = dataclasses.replace(STEP, road=Step(h=0.0, start=100.0))
+    assert late.reference.amplitudes == flat.reference.amplitudes
+    rising = FunctionRoad(profile=_rise, kinks_at=(1.0,))
+    found = dataclasses.replace(HUMP, road=rising, duration=1.0)
+    assert found.reference.amplitudes[1] < 0.01 * found.speed * found.duration
 
 
 def test_amplitudes_of_an_endless_sine_are_the_steady_ones():
