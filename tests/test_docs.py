@@ -15,9 +15,11 @@ import sys
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 import pytest
 
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
+from qcar_env.envs.vector import QuarterCarHumpVectorEnv
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -150,6 +152,20 @@ def check_script(script: str, words: list[str], monkeypatch: pytest.MonkeyPatch)
         else:
             with pytest.raises(ParsedError):
                 module.main(words)
+
+
+def test_single_precision_departs_by_what_the_page_on_performance_says():
+    page = (ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
+    stated = re.search(r"precision by (\S+) to (\S+) of its amplitudes", page)
+    envs = [QuarterCarHumpVectorEnv(64, precision=each) for each in ("double", "single")]
+    rng, furthest = np.random.default_rng(0), 0.0
+    for each in envs:
+        each.reset(seed=1)
+    for _ in range(999):
+        action = rng.uniform(-1.0, 1.0, (64, 2)).astype(np.float32)
+        double, single = (each.step(action)[0][:, :4].astype(float) for each in envs)
+        furthest = max(furthest, np.abs(double - single).max())
+    assert float(stated[1]) < furthest < float(stated[2])
 
 
 @pytest.mark.parametrize("tutorial", TUTORIALS, ids=name_of)

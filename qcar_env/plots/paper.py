@@ -110,8 +110,8 @@ def _effects(number: int) -> Callable[[Subject], Made]:
             "moves alone (omega_i = omega + sigma_i): omega, omega1 and omega2 scale all of them "
             "together, so these panels are alike. Statements of section 5.2 that hold: "
             f"{kinds['holds']}; effect under 1 %: {kinds['negligible']}; contradicted: "
-            f"{kinds['contradicts']}. The tranquillising effect of a large f was not found: the "
-            "body's amplitude grows with f."
+            f"{kinds['contradicts']}. No tranquillising effect of a large f was found: "
+            f"{effects.amplitude} grows with f."
         )
 
     make.__doc__ = f"Effects of the parameters on {effects.amplitude} against {effects.against}."
@@ -167,11 +167,13 @@ def figure_11(subject: Subject) -> Made:
         experiments.step_hump(subject.car, laws, duration=2.0, with_force=w) for w in (False, True)
     ]
     static = subject.car.car.mu1 * subject.car.h / subject.car.car.omega1**2
+    rise = float(np.abs(both[0]["none"].x1).max())
     return paper_figures.step_hump(*both), (
         "Answer from rest to the step hump y = h, (a) without and (b) with the external force. "
-        f"The wheel settles about {static:.3f} m (mu1 h/omega1²) and the body hardly moves. "
-        "'Very small' amplitudes and 'no benefit from control', as the paper says, are seen only "
-        "without the external force; with it the body resonates and control matters. The paper "
+        f"Without it the wheel rises to {rise:.3f} m and settles about {static:.3f} m (mu1 "
+        "h/omega1²), and the body hardly moves: 'very small' amplitudes and 'no benefit from "
+        "control', as the paper says, are seen of the body alone, and only then; with the force "
+        "the body resonates and control matters. The paper "
         "does not state whether f acts here, nor which two controls it compares."
     )
 
@@ -264,9 +266,9 @@ def accuracy(subject: Subject) -> Made:
         "Error of the amplitude (the larger of both masses') against long simulations: first-order "
         "averaging with coefficients frozen at omega and with the natural frequencies in them as "
         "printed, harmonic balance with one and with nine harmonics. Grey: |sigma| <= 5 rad/s, "
-        "where first-order averaging stays below 5 %. Without control the motion is harmonic and "
-        "one harmonic is exact; the floor is the time step of the simulation, at whose instants "
-        "the peak is read."
+        "where averaging with frozen coefficients stays below 5 %. Without control the motion is "
+        "harmonic and one harmonic is exact; the floor is the time step of the simulation, at "
+        "whose instants the peak is read."
     )
 
 
@@ -306,7 +308,7 @@ def stability_figure(subject: Subject) -> Made:
         "(a) Largest growth rate of the averaged motion without control over the couplings E3 and "
         "E2; beyond the line the motion is unstable. (b) Growth rates of the averaged motion "
         "(lines) and from Floquet multipliers of the full equations (circles) against E3. A "
-        "coupling E3 = k1/m2 as printed in the paper is not reciprocal and can feed energy in: "
+        "coupling E3 far above that of a spring between the masses, E1 m1/m2, feeds energy in: "
         f"without control stability is lost at E3 = {at}; CNVC keeps the motion stable."
     )
 

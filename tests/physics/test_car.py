@@ -10,7 +10,10 @@ from hypothesis import given, strategies as st
 from qcar_env.parts.part import units
 from qcar_env.parts.spring import CubicSpring, Stops
 from qcar_env.parts.tyre import LiftOffTyre
-from qcar_env.physics.car import PaperCar, QuarterCar
+from qcar_env.physics.car import PaperCar, QuarterCar, RoadForce, paper_rate
+from qcar_env.physics.linear import jacobian
+from qcar_env.physics.motion import Input
+from qcar_env.physics.state import State
 
 PAPER = dict(
     omega1=55.0, omega2=55.0, b1=8.7, b2=0.71, E1=0.5, E2=3.4, E3=0.5, mu1=2510.0, mu2=16.0
@@ -47,6 +50,32 @@ def test_the_printed_suspension_pulls_on_the_body_with_the_tyre(m1, m2, k1, k2):
     newton = PaperCar.from_physical(m1, m2, k1, k2, 0.0, 0.0)
     assert printed.E3 == k1 / m2
     assert dataclasses.replace(printed, E3=newton.E3) == newton
+
+
+@given(m1=mass, m2=mass, k1=stiffness, k2=stiffness, h=st.floats(0.01, 1.0))
+def test_the_printed_car_rests_far_from_a_raised_road(m1, m2, k1, k2, h):
+    """At x1 = (k1 / k2) h: k2 x2 = k1 x1 in (2), k2 x1 = k1 h in (1)."""
+    car = PaperCar.from_physical(m1, m2, k1, k2, 0.0, 0.0, reciprocal=False)
+    x1 = k1 / k2 * h
+    x, road = State(x1, k1 / k2 * x1, 0.0, 0.0), Input(RoadForce(car.mu1 * h), 0.0)
+    rate = paper_rate(x, road, 0.0, 0.0, car)
+    scale = car.omega1**2 * x1 + car.omega2**2 * k1 / k2 * x1
+    assert rate.v1 == pytest.approx(0.0, abs=1e-12 * scale)
+    assert rate.v2 == pytest.approx(0.0, abs=1e-12 * scale)
+
+
+def test_the_printed_spring_makes_no_real_car_unstable():
+    """Of 20 000; on an undamped tyre Hurwitz asks for k1 > k2 m1 / (m1 + m2), and no more."""
+    rng = np.random.default_rng(0)
+    low, high = np.array([(20, 80), (150, 600), (1e5, 3e5), (1e4, 6e4), (0, 500), (300, 5e3)]).T
+    for numbers in low + (high - low) * rng.random((20_000, 6)):
+        car = PaperCar.from_physical(*numbers, reciprocal=False)
+        assert np.linalg.eigvals(jacobian(car)).real.max() < 0.0
+    for m1, m2, k1, k2, c2 in 10.0 ** rng.uniform(0.0, 3.0, (1000, 5)):
+        car = PaperCar.from_physical(m1, m2, k1, k2, 0.0, c2, reciprocal=False)
+        values = np.linalg.eigvals(jacobian(car))
+        if abs(values.real.max()) > 1e-9 * np.abs(values).max():  # known despite rounding
+            assert (values.real.max() < 0.0) == (k1 > k2 * m1 / (m1 + m2))
 
 
 @given(m1=mass, ratio=st.floats(1.0, 100.0), k1=stiffness, k2=stiffness)

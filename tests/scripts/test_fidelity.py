@@ -10,16 +10,21 @@ from scripts import fidelity
 PAGE = Path(__file__).parents[2] / "docs" / "fidelity.md"
 
 
-def numbers_masked(text: str) -> str:
-    """Return the text without digits and signs: what does not depend on the last bit."""
-    return re.sub(r"[-+0-9.]+", "#", text)
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
+FLAT = "How the preset was calibrated"  # its fits end elsewhere along flat directions
 
 
 @pytest.mark.slow
 def test_the_page_is_up_to_date(tmp_path):
+    """But for last digits, which may round another way on another machine."""
     out = tmp_path / "docs" / "page.md"
     assert fidelity.main(["--out", str(out)]) == 0
-    assert numbers_masked(out.read_text("utf-8")) == numbers_masked(PAGE.read_text("utf-8"))
+    pages = [path.read_text("utf-8").split("\n## ") for path in (out, PAGE)]
+    for new, old in zip(*pages, strict=True):
+        assert NUMBER.sub("#", new) == NUMBER.sub("#", old)
+        for one, other in zip(NUMBER.findall(new), NUMBER.findall(old), strict=True):
+            last = 10.0 ** -len(other.partition(".")[2])
+            assert old.startswith(FLAT) or abs(float(one) - float(other)) < 1.1 * last
 
 
 def test_the_page_has_every_part():

@@ -18,7 +18,8 @@ The law acts through its describing function ``D_i``, the complex amplitude of i
 of the displacement: ``r_i + i q_i = a_i D_i / (2 i omega_i)``. CNVC's is
 ``D = -(3/4) i G omega^3 a^2``, so ``r = -(3/8) G omega^2 a^3``, the last term of (24) and (26).
 
-The paper prints E3/omega2 in (26) for E3/(2 omega2); `SlowFlow` takes the printed coefficient on
+The paper prints E3/omega2 in (26) for E3/(2 omega2), and its steady motions (29), (31) have
+``sigma a`` on the left where (25), (27) leave ``-sigma a``; `SlowFlow` takes what is printed on
 demand, for comparison only.
 
 Validity. First order in damping, coupling, force and detuning over frequency. Against long
@@ -66,7 +67,8 @@ class SlowFlow:
         forcing, with the exact detuning ``(omega_i^2 - omega^2)/(2 omega)`` for `sigma`; its
         fixed points are the harmonic balance at the forcing frequency.
     printed : bool
-        ``True`` for the paper's misprinted E3/omega2 in (26); for the fidelity report only.
+        ``True``: E3/omega2 in (26), and fixed points that solve (29) and (31), as the paper prints
+        them; for the fidelity report only.
     numerical : bool
         ``True``: average every law numerically, also those with a known describing function.
     """
@@ -121,6 +123,7 @@ class SlowFlow:
         u1 = U1 * np.exp(-1j * theta1) / (2j * w1)
         u2 = U2 * np.exp(-1j * theta2) / (2j * w2)
         e3 = car.E3 if self.printed else car.E3 / 2.0  # erratum of (17), (22), (26), (30)
+        sign = -1.0 if self.printed else 1.0  # erratum of (29), (31)
         da1 = (
             -car.b1 * a1 / 2.0
             + (car.E2 * w2 * a2 * c - car.E1 * a2 * s) / (2.0 * w1)
@@ -128,7 +131,7 @@ class SlowFlow:
             + u1.real
         )  # (24)
         turn1 = (
-            sigma1 * a1
+            sign * sigma1 * a1
             - (car.E2 * w2 * a2 * s + car.E1 * a2 * c) / (2.0 * w1)
             + (car.mu1 * h * s1 - car.mu2 * omega * h * c1) / (2.0 * w1)
             + u1.imag
@@ -141,7 +144,7 @@ class SlowFlow:
             + u2.real
         )  # (26)
         turn2 = (
-            sigma2 * a2
+            sign * sigma2 * a2
             + (w1 * car.b2 * a1 * s - car.E3 * a1 * c) / (2.0 * w2)
             - f * c2 / (2.0 * w2)
             + u2.imag

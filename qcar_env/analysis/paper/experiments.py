@@ -327,6 +327,11 @@ class Trend:
             return "holds"
         return "negligible" if self.found == "0" else "contradicts"
 
+    @property
+    def opposed(self) -> bool:
+        """Whether a change is claimed and found with the other sign, however small."""
+        return self.change * {"+": 1.0, "-": -1.0, "0": 0.0}[self.claimed] < 0.0
+
 
 def trends(car: ForcedCar, *, factor: float = 1.3, threshold: float = 0.01) -> tuple[Trend, ...]:
     """Check the statements of section 5.2, parameter by parameter.

@@ -185,7 +185,7 @@ def _branches(car: ForcedCar) -> Claim:
             stable &= bool(curve.stable.all()) and curve.complete
             folds += len(curve.folds)
         counts = max(counts, solutions(one, np.random.default_rng(0)).a1.size)
-    margin = contraction_margin(car)
+    margin, half = contraction_margin(car), with_law(car, CNVC(G1=0.5, G2=0.5))
     return Claim(
         where="Fig. 4, section 7(3)",
         paper="the right branch is stable and the left branch unstable",
@@ -194,23 +194,51 @@ def _branches(car: ForcedCar) -> Claim:
         f"G = 0.5 and 1.2; contraction proves it (b1 b2/2 exceeds |kappa| + Re kappa by "
         f"{margin:.2f} 1/s²)",
         agreement="no" if stable else "partly",
-        reason="not found with any correct reading of (24)-(27), nor with Appendix A as printed; "
-        f"with the sign of N5 and N15 flipped {_flipped(car)}",
+        reason="not found with (29), (31) corrected, also with Appendix A as printed. As printed, "
+        "(29), (31) turn the sign of sigma: the motion without control would be unstable "
+        f"{_unstable(car, 'sigma1')}. With N5, N15 read as products sigma a besides, of the wrong "
+        f"dimension, there are left branches alone: {_unstable(car, 'sigma1', True)} without "
+        f"control, {_unstable(half, 'sigma2', True)} with G = 0.5",
     )
 
 
-def _flipped(car: ForcedCar) -> str:
-    """Say where the uncontrolled motion would be unstable with N5 and N15 of the other sign."""
-    sigma = np.linspace(-20.0, 20.0, 161)
-    cars = stack(list(sweep(car, "sigma1", sigma)))
-    entries = jacobian_entries(cars, fixed_points(cars))
-    wrong = entries._replace(N5=-entries.N5, N15=-entries.N15)
-    unstable = eigenvalues(wrong.matrix)[:, 0].real > 0.0
-    left, right = sigma[unstable & (sigma < 0.0)], sigma[unstable & (sigma > 0.0)]
-    return (
-        f"the uncontrolled motion would be unstable below sigma1 = {left.max():.1f} and above "
-        f"{right.min():.1f} rad/s, on both sides alike"
-    )
+def printed_instability(
+    car: ForcedCar, against: str, sigma: Array, *, products: bool = False
+) -> NDArray[np.bool_]:
+    """Say where the paper's own equations, misprints included, call a motion unstable.
+
+    Parameters
+    ----------
+    car : ForcedCar
+        The car, without control or under CNVC.
+    against : str
+        Which detuning.
+    sigma : ndarray (n,)
+        Its values [rad/s].
+    products : bool, optional
+        Read N5 and N15 as ``sigma a`` instead of ``sigma / a``.
+
+    Returns
+    -------
+    ndarray (n,) of bool
+    """
+    cars = stack(list(sweep(car, against, sigma)))
+    points = fixed_points(cars, form="natural", printed=True)
+    entries = jacobian_entries(cars, points, form="natural", printed=True)
+    if products:
+        entries = entries._replace(
+            N5=entries.N5 * points.a1 * points.a1, N15=entries.N15 * points.a2 * points.a2
+        )
+    return eigenvalues(entries.matrix)[:, 0].real > 0.0
+
+
+def _unstable(car: ForcedCar, against: str, products: bool = False) -> str:
+    sigma = np.linspace(-20.0, 20.0, 401)
+    where = sigma[printed_instability(car, against, sigma, products=products)]
+    left, right = where[where < 0.0], where[where > 0.0]
+    ends = [f"below {against} = {left.max():.1f}"] if left.size else []
+    ends += [f"above {right.min():.1f}"] if right.size else []
+    return " and ".join(ends) + " rad/s"
 
 
 def _numerical_and_averaged(car: ForcedCar) -> Claim:
@@ -303,14 +331,18 @@ def _step(car: ForcedCar) -> Claim:
     laws: dict[str, Law] = {"none": Passive(), "cnvc": CNVC()}
     still = step_hump(car, laws, duration=20.0, with_force=False)
     shaken = step_hump(car, laws, duration=60.0, with_force=True)
-    x2 = [float(np.max(np.abs(m.x2))) for m in (*still.values(), *shaken.values())]
+    motions = (*still.values(), *shaken.values())
+    peaks = [(np.abs(each.x1).max(), np.abs(each.x2).max()) for each in motions]
+    (x1, x2), (c1, c2), (shaken1, shaken2), (held1, held2) = peaks
     return Claim(
         where="Section 6.1, Fig. 11",
         paper="on the step hump y = h amplitudes are very small and control is of no benefit",
-        ours=f"largest body displacement without the external force {x2[0]:.4f} m ({x2[1]:.4f} m "
-        f"under CNVC); with it {x2[2]:.2f} m ({x2[3]:.3f} m under CNVC)",
+        ours=f"largest displacements without the external force: wheel {x1:.3f} m ({c1:.3f} m "
+        f"under CNVC), body {x2:.4f} m ({c2:.4f} m); with it: wheel {shaken1:.2f} m ({held1:.3f} "
+        f"m), body {shaken2:.2f} m ({held2:.3f} m)",
         agreement="partly",
-        reason="true only if f = 0, which the paper does not state",
+        reason="true of the body alone, and only if f = 0, which the paper does not state; the "
+        f"wheel overshoots a step of {car.h:g} m",
     )
 
 

@@ -108,6 +108,28 @@ def test_fixed_points_have_minus_sigma_a_on_the_left(cnvc_flow):
         assert not rest.has(sigma)
 
 
+def test_phases_that_rest_would_leave_no_detuning_in_the_fixed_points(cnvc_flow):
+    """Erratum of section 4.3: it sets ``phi' = 0`` and yet has sigma in (29), (31)."""
+    for row, sigma, a in ((1, s1, a1), (3, s2, a2)):
+        phi_dot = sp.expand(cnvc_flow[row] / a - sigma)  # phi' = theta' - sigma
+        assert not phi_dot.has(sigma)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_printed_fixed_points_solve_the_equations_28_to_31_as_they_are_printed(seed):
+    """E3/omega2 in (30), ``sigma a`` on the left of (29), (31)."""
+    car = random_car(np.random.default_rng(seed), CNVC(G1=0.3, G2=0.6))
+    points = fixed_points(stack([car]), form="natural", printed=True)
+    found = (points.a1[0], points.theta1[0], points.a2[0], points.theta2[0])
+    at = dict(zip((a1, th1, a2, th2), found, strict=True))
+    da1, turn1, da2, turn2 = printed_equations(1)  # (25), (27) with theta' = sigma + phi'
+    left = 0, s1 * a1, 0, s2 * a2
+    right = da1, turn1 - s1 * a1, da2, turn2 - s2 * a2
+    for one, other in zip(left, right, strict=True):
+        # of terms of order 10 m/s
+        assert float((one - other).subs(symbols_of(car)).subs(at)) == pytest.approx(0.0, abs=1e-8)
+
+
 @pytest.mark.parametrize(
     ("control", "damping", "detuning"),
     [
