@@ -236,6 +236,16 @@ def _made(source: str, names: dict[str, Any]) -> Any:
 # Hints to the compiler ---------------------------------------------------------------------------
 
 
+def _hint(function: Any) -> Any:
+    """Make an intrinsic that has the same name in each process.
+
+    numba's is drawn at random and part of the cache's key: nothing stored would be found again.
+    """
+    made: Any = intrinsic(function)
+    made._set_uuid(f"{__name__}.{function.__name__}")
+    return made
+
+
 def _align_stack(typingctx: Any) -> Any:
     """Let a kernel's own memory begin on a boundary of 64 bytes.
 
@@ -254,7 +264,7 @@ def _align_stack(typingctx: Any) -> Any:
     return types.void(), codegen
 
 
-align_stack: Any = intrinsic(_align_stack)
+align_stack = _hint(_align_stack)
 
 
 def _widen(typingctx: Any) -> Any:
@@ -272,7 +282,7 @@ def _widen(typingctx: Any) -> Any:
     return types.void(), codegen
 
 
-widen: Any = intrinsic(_widen)
+widen = _hint(_widen)
 
 
 def _disjoint(typingctx: Any) -> Any:
@@ -290,7 +300,7 @@ def _disjoint(typingctx: Any) -> Any:
     return types.void(), codegen
 
 
-disjoint: Any = intrinsic(_disjoint)
+disjoint = _hint(_disjoint)
 
 
 def aligned(shape: tuple[int, ...], dtype: Any = np.float64) -> Any:

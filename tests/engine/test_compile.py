@@ -46,6 +46,33 @@ def test_functions_compiled_by_two_processes_are_told_apart_by_a_third(tmp_path)
     assert run(1, 2) == "4.0 1\n8.0 1\n"
 
 
+HINTED = """
+from qcar_env.engine.compile import align_stack, compiled, disjoint, kernel, widen
+
+
+def make(n):
+    @compiled
+    def inner(x):
+        align_stack()
+        widen()
+        disjoint()
+        return x + n
+
+    @kernel
+    def outer(x):
+        return inner(x)
+
+    return outer
+"""
+
+
+def test_what_gives_hints_to_the_compiler_is_found_again(tmp_path):
+    """Each process compiled the steps of cars anew, for 8 s."""
+    (tmp_path / "made.py").write_text(HINTED)
+    assert python(tmp_path, *SHOW).stdout == "1 0\n"
+    assert python(tmp_path, *SHOW).stdout == "1 1\n"
+
+
 def python(tmp_path, *lines, **settings):
     """Run lines in a process of its own that keeps compiled code in `tmp_path`."""
     paths = [str(tmp_path), os.getcwd()]
