@@ -5,17 +5,28 @@ Every environment, and every result of this library, comes from here.
 
 from __future__ import annotations
 
+import contextlib
 import os
-from concurrent.futures import ThreadPoolExecutor, wait
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from itertools import starmap
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.engine.composition import OWN_FIXED, QUIET
+from qcar_env.engine.composition import QUIET
 from qcar_env.engine.held_law import driver
 from qcar_env.engine.stepping import NOT_FINITE
-from qcar_env.engine.storage import COUNT, FLOAT, NOTHING_GIVEN, SHOWN, Array, Storage
+from qcar_env.engine.storage import (
+    COUNT,
+    FLOAT,
+    NOTHING_GIVEN,
+    SHOWN,
+    TWO_THREADS,
+    Array,
+    Storage,
+)
 
 DISABLED, NEXT_STEP, SAME_STEP = range(3)  # what becomes of a car whose episode is over
 
@@ -31,10 +42,11 @@ class Begun(NamedTuple):
 class Cars(Storage):
     """A fleet; arguments as of `Storage`."""
 
-    _busy = False
+    _unfinished: tuple[Any, ...] | None = None  # outputs of a step before its ends are dealt with
 
     def seed(self, cars: NDArray[np.intp], states: NDArray[np.uint64]) -> None:
         """Set the random streams of `cars`, see `qcar_env.engine.random.streams`."""
+        self._turn_over()
         self._arrays["streams"][cars] = states
 
     def begin(
@@ -83,23 +95,30 @@ class Cars(Storage):
         uniforms : ndarray (n, count), optional
             See `begin`.
         """
-        cars, a = np.flatnonzero(mask).astype(COUNT), self._arrays
-        seen, every = np.empty((self.n, self.size), SHOWN), len(cars) == self.n
-        if every:
-            self._drawn_from[...] = a["chosen"]
-            if len(self._sources) > 1 or len(a["fixed"]) > 1:
-                if len(np.unique(a["chosen"])) == 1 and not len(
-                    self._sources[a["chosen"][0]].targets
-                ):
-                    a["fixed"] = self._slab(1, self.kernels.fixed.size)
-                    a["blocks"][:, OWN_FIXED] = 0
-                self._forget()
-        else:
-            self.kernels.show(self._moved, seen)
-        a["blocks"][:, QUIET] = np.iinfo(COUNT).max if every else 0
-        own = None if uniforms is None else uniforms[cars]
-        self.begin(cars, np.ascontiguousarray(given[cars], FLOAT), seen, own)
-        return seen
+        with self._alone():
+            self._turn_over()
+            cars, seen = np.flatnonzero(mask).astype(COUNT), np.empty((self.n, self.size), SHOWN)
+            starts = np.ascontiguousarray(given[cars], FLOAT)
+            own = None if uniforms is None else uniforms[cars]
+            every = len(cars) == self.n
+            if every:
+                self._drawn_from = self._arrays["chosen"].copy()
+                self._share_what_is_alike()
+            else:
+                self.kernels.show(self._moved, seen)
+            self._arrays["blocks"][:, QUIET] = np.iinfo(COUNT).max if every else 0
+            self.begin(cars, starts, seen, own)
+            return seen
+
+    def _share_what_is_alike(self) -> None:
+        """Keep no numbers that no car draws from, and those that all have once."""
+        a = self._arrays
+        if len(self._sources) > 1 or len(a["fixed"]) > 1:
+            used = np.unique(a["chosen"])
+            if len(used) == 1 and not len(self._sources[used[0]].targets):
+                a["fixed"] = self._slab(1, self.kernels.fixed.size)
+                self._own_fixed(0)
+            self._forget()
 
     def step(
         self, actions: NDArray[np.float32], mode: int
@@ -135,57 +154,79 @@ class Cars(Storage):
             If another thread is stepping these cars.
         """
         if self._busy:
-            raise RuntimeError("another thread is stepping these cars; give each its own")
-        if mode == DISABLED and self.done.any():
-            over = np.flatnonzero(self.done)
-            raise ValueError(
-                f"the episodes of {over.size} car(s) are over (the first is car {over[0]}); call "
-                "reset with options={'reset_mask': ...} before the next step. No car has moved"
-            )
-        self._busy = True
+            raise RuntimeError(TWO_THREADS)
+        self._busy = True  # as `_alone` does it, but quicker
         try:
+            if self._unfinished is not None:
+                self._turn_over()
+            if mode == DISABLED and self.done.any():
+                over = np.flatnonzero(self.done)
+                raise ValueError(
+                    f"the episodes of {over.size} car(s) are over (the first is car {over[0]}); "
+                    "call reset with options={'reset_mask': ...} before the next step. No car has "
+                    "moved"
+                )
             seen, rewards, force, ends = outputs = self._outputs()
+            self._unfinished = mode == SAME_STEP, outputs
             if self._workers == 1:
                 code = self._step(*self._of_worker[0], 0, self._blocks, actions, *outputs)
             else:
                 code = self._share_out(actions, outputs)
             if code == NOT_FINITE:
                 self._refuse(actions)
-            begun = self._turn_over(mode == SAME_STEP, outputs) if code else None
+            begun = self._turn_over() if code else None
+            self._unfinished = None
             return seen, rewards, force, ends, begun
         finally:
             self._busy = False
 
     def _share_out(self, actions: NDArray[np.float32], outputs: tuple[Any, ...]) -> int:
-        """Step the cars in several threads."""
+        """Step the cars in several threads; an interrupt waits until all have moved."""
         if not np.isfinite(actions).all():  # before any worker moves a car
             return NOT_FINITE
         if self._pool is None or self._pid != os.getpid():
             self._pool, self._pid = ThreadPoolExecutor(self._workers - 1), os.getpid()
         edges = [self._blocks * i // self._workers for i in range(self._workers + 1)]
-        calls = [
-            (*self._of_worker[i], edges[i], edges[i + 1], actions, *outputs)
-            for i in range(self._workers)
-        ]
-        jobs = [self._pool.submit(self._step, *call) for call in calls[1:]]
-        try:
-            own = self._step(*calls[0])
-        finally:
-            wait(jobs)  # the workers write to these arrays, whatever interrupts this thread
-        return max(own, *(job.result() for job in jobs))
+        calls = iter(
+            [
+                (*self._of_worker[i], edges[i], edges[i + 1], actions, *outputs)
+                for i in range(self._workers)
+            ]
+        )
+        codes: list[int] = []
+        work = partial(codes.extend, starmap(self._step, calls))  # no interrupt comes in between
+        jobs: list[Future[None]] = []
+        caught: KeyboardInterrupt | None = None
+        while True:
+            try:
+                with contextlib.suppress(RuntimeError):  # no memory for another thread
+                    while len(jobs) < self._workers - 1:
+                        jobs.append(self._pool.submit(work))
+                work()
+                for each in jobs:
+                    each.result()
+                break
+            except KeyboardInterrupt as interrupt:
+                caught = interrupt
+        if caught is not None:
+            raise caught
+        return max(codes)
 
-    def _turn_over(self, same_step: bool, outputs: tuple[Any, ...]) -> Begun | None:
+    def _turn_over(self) -> Begun | None:
+        """Deal with the ends of the last step, unless that is done: an interrupt may prevent it."""
+        if self._unfinished is None:
+            return None
         n = self.n
+        same_step, (seen, rewards, force, ends) = self._unfinished
         if len(self._sources) > 1:
-            ended = outputs[3].any(axis=0) if same_step else self.done
-            self._draw_from_chosen(np.flatnonzero(ended))
+            self._draw_from_chosen(np.flatnonzero(ends.any(axis=0) if same_step else self.done))
         cars, phases = np.empty(n, COUNT), np.zeros(n)
         finals = np.empty((n if same_step else 0, self.size), SHOWN)
-        seen, rewards, force, ends = outputs
         count = self._turn(
             *(self._moved, self._drawn, NOTHING_GIVEN, same_step, seen, rewards, force, ends),
             *(cars, phases, finals),
         )
+        self._unfinished = None
         if not count:
             return None
         return Begun(cars[:count], phases, finals[:count] if same_step else None)

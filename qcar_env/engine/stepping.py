@@ -549,6 +549,7 @@ def compose(what: Composition, single: bool, exact: bool = False) -> Kernels:
                     begin_car(fleet, drawn, i, given[0], True, seen[i])
                     phases[i] = load(clock, 0, LANES, j, CLOCK).phase
                     count += 1
+            fleet.blocks[block, ENDED] = False  # and not once more
         return count
 
     return Kernels(

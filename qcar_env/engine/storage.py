@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple, Protocol
 
@@ -25,6 +26,7 @@ BOOL, COUNT = np.dtype(np.bool_), np.dtype(np.int64)
 CARS_A_THREAD = 16384  # at least: handing fewer over to another thread costs what it saves
 SLABS = ("slabs", "clocks", "fixed", "numbers", "stages", "shown")  # aligned in memory
 MOVING = ("slabs", "clocks", "fixed", "blocks", "streams", "uniforms")
+TWO_THREADS = "another thread is stepping these cars; give each its own"
 NOTHING_GIVEN = np.full((1, 5), np.nan)
 
 
@@ -63,6 +65,8 @@ class Storage:
     exact : bool
         Whether an interval is one exact map, see `qcar_env.engine.linear_cars.LinearCars`.
     """
+
+    _busy = False  # whether a thread is at work on it
 
     def __init__(
         self,
@@ -103,6 +107,24 @@ class Storage:
         self._pool: ThreadPoolExecutor | None = None
         self._gather()
 
+    @contextlib.contextmanager
+    def _alone(self) -> Generator[None, None, None]:
+        """Keep other threads out; after an error or an interrupt all attributes are as before.
+
+        So are the arrays, but for what is written into them.
+        """
+        if self._busy:
+            raise RuntimeError(TWO_THREADS)
+        before = vars(self).copy()
+        self._busy, self._arrays = True, self._arrays.copy()
+        try:
+            yield
+        except BaseException:
+            vars(self).update(before)
+            raise
+        finally:
+            self._busy = False
+
     def _slab(self, count: int, rows: int) -> NDArray[Any]:
         return aligned((count, rows * LANES), np.float32 if self._single else np.float64)
 
@@ -133,7 +155,7 @@ class Storage:
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave compiled code and threads behind; they are made anew."""
-        made = ("kernels", "_step", "_turn", "_moved", "_drawn", "_of_worker", "_pool")
+        made = ("kernels", "_step", "_turn", "_moved", "_drawn", "_of_worker", "_pool", "_busy")
         return {name: value for name, value in vars(self).items() if name not in made}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -154,7 +176,7 @@ class Storage:
             np.empty((n, self.size), SHOWN),
             np.empty((self._rows, n), FLOAT),
             np.empty(self._shape, FLOAT),
-            np.empty((2, n), BOOL),
+            np.zeros((2, n), BOOL),
         )
 
     # What cars draw from ----------------------------------------------------------------------
@@ -180,8 +202,13 @@ class Storage:
         if not self._alike and len(shared) < blocks:  # numbers of their own from now on
             a["fixed"] = self._slab(blocks, self.kernels.fixed.size)
             a["fixed"][...] = shared
-            a["blocks"][:, OWN_FIXED] = np.arange(blocks)
+            self._own_fixed(np.arange(blocks))
         self._bind()
+
+    def _own_fixed(self, which: Any) -> None:
+        """Say which of `fixed` is each block's own, from when `_bind` has bound it."""
+        self._arrays["blocks"] = self._arrays["blocks"].copy()
+        self._arrays["blocks"][:, OWN_FIXED] = which
 
     @property
     def _alike(self) -> bool:
@@ -195,18 +222,21 @@ class Storage:
 
     def assign(self, groups: Sequence[tuple[NDArray[np.intp], Source]]) -> None:
         """Let cars draw their next episodes from other sources of the same composition."""
-        for cars, source in groups:
-            for number, known in enumerate(self._sources):
-                if _equal(known, source):
-                    self._arrays["chosen"][cars] = number
-                    break
-            else:
-                self._arrays["chosen"][cars] = len(self._sources)
-                self._sources.append(source)
-        most = max(each.uniforms for each in self._sources) - self.uniforms.shape[1]
-        if most > 0:
-            self._arrays["uniforms"] = np.pad(self.uniforms, ((0, 0), (0, most)))
-        self._forget()
+        with self._alone():
+            chosen = self._arrays["chosen"] = self._arrays["chosen"].copy()
+            self._sources = [*self._sources]
+            for cars, source in groups:
+                for number, known in enumerate(self._sources):
+                    if _equal(known, source):
+                        chosen[cars] = number
+                        break
+                else:
+                    chosen[cars] = len(self._sources)
+                    self._sources.append(source)
+            most = max(each.uniforms for each in self._sources) - self.uniforms.shape[1]
+            if most > 0:
+                self._arrays["uniforms"] = np.pad(self.uniforms, ((0, 0), (0, most)))
+            self._forget()
 
     def _forget(self) -> None:
         """Keep the sources of running and of next episodes alone."""

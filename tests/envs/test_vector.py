@@ -1,5 +1,6 @@
 """The vector environment: the same episodes as single ones, bit for bit, in every mode."""
 
+import contextlib
 import dataclasses
 import multiprocessing
 import os
@@ -574,17 +575,71 @@ def test_two_threads_in_one_environment_are_told_apart():
     env.step(action)  # and it goes on
 
 
+@pytest.mark.parametrize("n", [1, 64, 3000])
+def test_two_threads_in_one_environment_lose_no_step(n):
+    """Each step is taken by all cars, or refused."""
+    env, twin = QuarterCarHumpVectorEnv(n), QuarterCarHumpVectorEnv(n)
+    env.reset(seed=0)
+    twin.reset(seed=0)
+    action, taken = np.full((n, 2), 0.2, np.float32), []
+
+    def run():
+        for _ in range(300):
+            with contextlib.suppress(RuntimeError):
+                env.step(action)
+                taken.append(1)
+
+    threads = [threading.Thread(target=run) for _ in range(2)]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    for _ in taken:
+        twin.step(action)
+    assert np.array_equal(env.states, twin.states)
+
+
+@pytest.mark.parametrize("call", ["step", "reset", "assign"])
+def test_nothing_is_done_to_cars_that_another_thread_is_stepping(call, monkeypatch):
+    env = QuarterCarHumpVectorEnv(3)
+    env.reset(seed=0)
+    step, refused = env._cars._step, []
+    action = np.zeros((3, 2), np.float32)
+    calls = {
+        "step": lambda: env.step(action),
+        "reset": env.reset,
+        "assign": lambda: env.assign([0], force_scale=0.5),
+    }
+
+    def other():
+        with pytest.raises(RuntimeError, match="another thread is stepping these cars"):
+            calls[call]()
+        refused.append(call)
+
+    def slow(*args):
+        thread = threading.Thread(target=other)
+        thread.start()
+        thread.join()
+        return step(*args)
+
+    monkeypatch.setattr(env._cars, "_step", slow)
+    env.step(action)
+    assert refused == [call]
+
+
 def test_a_keyboard_interrupt_in_a_threaded_step_waits_for_the_workers(two_threads, monkeypatch):
     """They write into arrays that would be freed otherwise."""
     env = QuarterCarHumpVectorEnv(300, **two_threads)
     env.reset(seed=0)
     action = np.zeros((300, 2), np.float32)
     env.step(action)  # makes the pool
-    step, finished = env._cars._step, threading.Event()
+    step, started, finished = env._cars._step, threading.Event(), threading.Event()
 
     def interrupted(*args):
         if threading.current_thread() is threading.main_thread():
+            started.wait()
             raise KeyboardInterrupt
+        started.set()
         time.sleep(0.2)
         finished.set()
         return step(*args)
@@ -603,31 +658,160 @@ import numpy as np
 from qcar_env.engine import storage
 storage.CARS_A_THREAD = 64
 from qcar_env.envs.vector import QuarterCarHumpVectorEnv
-env = QuarterCarHumpVectorEnv(4096, threads=2)
-env.reset(seed=0)
-action = np.zeros((4096, 2), np.float32)
-caught = 0
-threading.Thread(
-    target=lambda: [time.sleep(0.05) or os.kill(os.getpid(), signal.SIGINT) for _ in range(10)],
-    daemon=True,
-).start()
-end = time.monotonic() + 60
-while caught < 10 and time.monotonic() < end:
+n, rng = 20_000, np.random.default_rng(0)
+env, twin = (
+    QuarterCarHumpVectorEnv(n, threads=int(sys.argv[1]), autoreset_mode="SameStep", duration=0.1)
+    for _ in range(2)
+)
+elapsed, action = rng.integers(0, 20, n), np.full((n, 2), 0.2, np.float32)
+for each in (env, twin):
+    each.reset(seed=0)
+    each.stagger(elapsed)
+taken, caught, wanted = 0, 0, threading.Semaphore(0)
+def interrupt():
+    while wanted.acquire():
+        time.sleep(rng.uniform(0.0, 0.01))
+        os.kill(os.getpid(), signal.SIGINT)
+threading.Thread(target=interrupt, daemon=True).start()
+while caught < 20:
     try:
-        env.step(action)
+        wanted.release()
+        while True:
+            env.step(action)
+            taken += 1
     except KeyboardInterrupt:
         caught += 1
-env.reset(seed=1)
-print("caught", caught, np.isfinite(env.step(action)[0]).all())
+env.step(action)
+for _ in range(taken + 1):
+    twin.step(action)
+def same():
+    return all(
+        np.array_equal(getattr(env._cars, name), getattr(twin._cars, name))
+        for name in ("states", "phases", "uniforms")
+    )
+print("caught", caught, same() or any(twin.step(action) and same() for _ in range(caught)))
 """
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs signals of Unix")
-def test_ctrl_c_does_not_crash_a_threaded_environment():
+@pytest.mark.parametrize("threads", ["1", "2"])
+def test_ctrl_c_leaves_all_cars_at_the_same_step(threads):
+    """Some had moved and others not, and episodes that had ended went on."""
     found = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=240
+        [sys.executable, "-c", INTERRUPTED, threads], capture_output=True, text=True, timeout=240
     )
-    assert (found.returncode, found.stdout.strip()) == (0, "caught 10 True"), found.stderr
+    assert (found.returncode, found.stdout.strip()) == (0, "caught 20 True"), found.stderr
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
+def test_an_interrupt_once_the_cars_have_moved_does_not_lose_an_end(mode, error, monkeypatch):
+    env, twin = (QuarterCarHumpVectorEnv(3, duration=0.02, autoreset_mode=mode) for _ in range(2))
+    for each in (env, twin):
+        each.reset(seed=0)
+        each.stagger(np.array([0, 1, 2]))  # the last ends at k = 1
+    action = np.full((3, 2), 0.3, np.float32)
+    for k in range(12):
+        with monkeypatch.context() as patch, contextlib.suppress(error):
+            if k % 2:
+                patch.setattr(env._cars, "_turn", raising(error))
+            env.step(action)
+        twin.step(action)
+        if k == 1:
+            for each in (env, twin):
+                each.reset(seed=1, options={"reset_mask": np.array([True, False, False])})
+    for _ in range(5):
+        assert np.array_equal(env.step(action)[0], twin.step(action)[0])
+        assert np.array_equal(env._cars.done, twin._cars.done)
+
+
+def raising(error):
+    def function(*args):
+        raise error
+
+    return function
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda env: env.assign([0, 129], scenario="paper-randomised"),
+        lambda env: env.reset(options={"scenario": ["paper"] * 129 + ["paper-randomised"]}),
+    ],
+    ids=["assign", "reset"],
+)
+def test_an_interrupt_while_cars_are_assigned_changes_nothing(change, monkeypatch):
+    """It left numbers of old and new cars side by side, which compiled code read past the end."""
+    env, twin = (QuarterCarHumpVectorEnv(130, duration=0.05) for _ in range(2))
+    for each in (env, twin):
+        each.reset(seed=0)
+    with monkeypatch.context() as patch:
+        patch.setattr(env._cars, "_bind", raising(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            change(env)
+    action = np.full((130, 2), 0.3, np.float32)
+    for _ in range(25):
+        assert np.array_equal(env.step(action)[0], twin.step(action)[0])
+    assert np.array_equal(env.force_limits, twin.force_limits)
+    assert env.scenario_of(129).name == "paper"
+    assert np.array_equal(env.reset(seed=1)[0], twin.reset(seed=1)[0])
+
+
+# Memory ------------------------------------------------------------------------------------------
+
+
+def test_where_no_thread_can_be_started_one_does_it_all(two_threads, monkeypatch):
+    expected = trajectory(QuarterCarHumpVectorEnv(300, duration=SHORT), 1)
+    monkeypatch.setattr(threading.Thread, "start", raising(RuntimeError))
+    assert np.array_equal(trajectory(QuarterCarHumpVectorEnv(300, **two_threads), 1), expected)
+
+
+SHORT_OF_MEMORY = """
+import resource, sys
+import numpy as np
+from qcar_env.engine import storage
+storage.CARS_A_THREAD = 64
+from qcar_env.envs.vector import QuarterCarHumpVectorEnv
+n = 40_000
+env, twin = (
+    QuarterCarHumpVectorEnv(n, threads=2, method=sys.argv[1], autoreset_mode="SameStep")
+    for _ in range(2)
+)
+action = np.full((n, 2), 0.2, np.float32)
+for each in (env, twin):
+    each.reset(seed=0)
+    each.stagger(np.arange(n) % 1000)
+    each.step(action)
+pages = int(open("/proc/self/statm").read().split()[0])
+resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + 2**24, -1))
+kept, taken, failed = [], 0, 0
+while failed < 100:
+    try:
+        kept.append(env.step(action))
+        taken += 1
+    except MemoryError:
+        failed += 1
+        del kept[failed % 3 :]
+resource.setrlimit(resource.RLIMIT_AS, (-1, -1))
+env.step(action)
+for _ in range(taken + 1):
+    twin.step(action)
+def same():
+    return all(
+        np.array_equal(getattr(env._cars, name), getattr(twin._cars, name))
+        for name in ("states", "phases", "uniforms")
+    )
+print(taken > 100, same() or any(twin.step(action) and same() for _ in range(failed)))
+"""
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="needs Linux's account")
+@pytest.mark.parametrize("method", ["rk4", "exact"])
+def test_no_memory_left_is_a_memory_error_and_loses_no_car(method):
+    found = subprocess.run(
+        [sys.executable, "-c", SHORT_OF_MEMORY, method], capture_output=True, text=True, timeout=240
+    )
+    assert (found.returncode, found.stdout.strip()) == (0, "True True"), found.stderr
 
 
 # Time --------------------------------------------------------------------------------------------
