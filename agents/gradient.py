@@ -267,7 +267,12 @@ class GradientTrainer:
         loss = loss / settings.horizon
         self._adam.zero_grad()
         loss.backward()
-        nn.utils.clip_grad_norm_(self._net.parameters(), settings.max_grad_norm)
+        norm = nn.utils.clip_grad_norm_(self._net.parameters(), settings.max_grad_norm)
+        if not torch.isfinite(norm):
+            raise ValueError(
+                f"the gradient must be finite, got {float(norm)} after {self._done} steps; give a "
+                "lower learning rate"
+            )
         for group in self._adam.param_groups:
             group["lr"] = annealed(settings.learning_rate, self._done / recipe.steps)
         self._adam.step()

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from qcar_env.envs import episode as task
 from qcar_env.scenarios import Scenario
+from qcar_env.validation import numbers
 
 
 def scales_of(scenario: Scenario, observe: task.Observe = "full") -> NDArray[np.float64]:
@@ -37,8 +38,8 @@ def entries_of(observation: Any, size: int) -> NDArray[np.float64]:
         If it has another shape, is not numbers, or has fewer entries.
     """
     try:
-        entries = np.asarray(observation, dtype=np.float64)
-    except (TypeError, ValueError) as error:
+        entries = numbers("they", observation)
+    except ValueError as error:
         raise ValueError(
             f"observation must be numbers (n, k) or (k,), got {type(observation).__name__} "
             f"({error}); give what the environment returns"

@@ -102,12 +102,33 @@ def finite_array(name: str, value: Any, unit: str = "-") -> NDArray[np.float64]:
         found = np.asarray(value)
     except (TypeError, ValueError):  # rows of different lengths
         found = np.array(None)
-    if found.dtype.kind not in "iuf" or not np.isfinite(found).all():
+    odd = found.dtype.kind not in "iuf" or np.ma.is_masked(value)
+    if odd or not np.isfinite(found).all():
         raise ValueError(
             f"{name} must be finite{'' if unit == '-' else f' [{unit}]'}, got {shown(value)}; "
             "give a finite number or an array of them"
         )
     return found.astype(np.float64, copy=False)
+
+
+def numbers(name: str, given: Any) -> NDArray[np.float64]:
+    """Return what is given as an array of float64, of any shape; an entry need not be finite.
+
+    Raises
+    ------
+    ValueError
+        If it is not made of numbers: text, complex numbers and entries that are masked are none.
+    """
+    try:
+        found = np.asarray(given)
+        odd = found.dtype.kind == "O" and any(isinstance(each, (str, bytes)) for each in found.flat)
+        if found.dtype.kind in "biufO" and not odd and not np.ma.is_masked(given):
+            return found.astype(np.float64, copy=False)
+    except (TypeError, ValueError, OverflowError, RuntimeError):  # the last: torch's
+        pass
+    raise ValueError(
+        f"{name} must be numbers, got {shown(given)}; give a list or an array of numbers"
+    )
 
 
 def instance(name: str, value: Any, kind: type) -> None:

@@ -2,6 +2,7 @@
 
 import math
 import re
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -127,11 +128,26 @@ def test_finite_numbers_of_any_shape_pass_as_an_array(value):
 
 
 @pytest.mark.parametrize(
-    "value", [*NOT_FINITE, None, "1", True, 10**400, [0.0, math.nan], [1, [2]]]
+    "value", [*NOT_FINITE, None, "1", True, 10**400, [0.0, math.nan], [1, [2]], np.ma.masked]
 )
 def test_an_array_that_is_not_of_finite_numbers_is_refused(value):
     with pytest.raises(ValueError, match=r"^t must be finite \[s\], got .*; give a finite number"):
         validation.finite_array("t", value, "s")
+
+
+@pytest.mark.parametrize("value", [1, True, [0.5, math.nan], [Fraction(1, 2), 2**70], ((),)])
+def test_numbers_of_any_kind_pass_as_an_array(value):
+    found = validation.numbers("x", value)
+    assert found.dtype == np.float64
+    np.testing.assert_array_equal(found, np.array(value, np.float64))
+
+
+@pytest.mark.parametrize(
+    "value", ["1", b"1", 1j, [1, "1"], [1, b"1"], [1, 1j], [1, [2]], [10**400], np.ma.masked]
+)
+def test_what_is_not_made_of_numbers_is_refused(value):
+    with pytest.raises(ValueError, match=r"^x must be numbers, got .*; give a list or an array of"):
+        validation.numbers("x", value)
 
 
 @pytest.mark.parametrize("name", ["cnvc", np.str_("cnvc")])

@@ -16,7 +16,7 @@ from qcar_env.physics.signals import Signal, signal
 from qcar_env.physics.state import State
 from qcar_env.scenarios import Scenario
 from qcar_env.scenarios.plan import Plan
-from qcar_env.validation import known, positive, shown, whole
+from qcar_env.validation import known, numbers, positive, shown, whole
 
 FEEDBACK = ("x1", "x2", "v1", "v2")  # the state, which is what the paper's laws use
 FULL = (*FEEDBACK, "y", "y_dot", "F", "F_dot")  # also road and external force
@@ -178,23 +178,6 @@ def checked_actions(
         )
     clipped = np.where(np.isfinite(wide), np.clip(wide, -2.0, 2.0), wide)
     return np.ascontiguousarray(clipped, np.float32)
-
-
-def numbers(name: str, given: Any) -> NDArray[np.float64]:
-    """Return what is given as an array of float64.
-
-    Raises
-    ------
-    ValueError
-        If it is not made of numbers.
-    """
-    try:
-        found = np.asarray(given)
-        if found.dtype.kind in "biufO":
-            return found.astype(np.float64)
-    except (TypeError, ValueError, OverflowError, RuntimeError):  # the last: torch's
-        pass
-    raise ValueError(f"{name} must be numbers, got {given!r}; give a list or an array of numbers")
 
 
 def no_pygame() -> Exception:

@@ -20,7 +20,7 @@ from qcar_env.scenarios import Scenario, scenario as find_scenario
 from qcar_env.scenarios.files import to_json
 from qcar_env.validation import finite, known
 
-_empty = np.empty
+_empty, _array = np.empty, np.ndarray  # names of this module are found quicker
 
 if TYPE_CHECKING:
     from qcar_env.envs.rendering import Renderer
@@ -337,7 +337,8 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
         car = self._car
         observation, force = _empty(car.size, SHOWN), _empty(car.actions)
         try:
-            if action.dtype is not SHOWN:  # numba would read swapped bytes as they lie
+            # numba would read swapped bytes as they lie, and no mask
+            if action.dtype is not SHOWN or type(action) is not _array:
                 raise TypeError
             outcome = car.advance(car.array, action, observation, force)
         except (TypeError, AttributeError):  # no array of float32

@@ -13,7 +13,7 @@ from qcar_env.engine.storage import BOOL
 from qcar_env.envs import episode as task
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 from qcar_env.scenarios.plan import Plan
-from qcar_env.validation import finite, whole
+from qcar_env.validation import finite, numbers, whole
 
 
 class Drawn(NamedTuple):
@@ -163,7 +163,7 @@ def _states(given: Any, n: int) -> Sequence[Any]:
     some = isinstance(given, Sequence) and any(each is None for each in given)
     if some and len(given) == n:
         return given
-    states = task.numbers("state", given)
+    states = numbers("state", given)
     if states.ndim == 1:
         states = np.tile(states, (n, 1))
     if states.shape != (n, 4):

@@ -7,6 +7,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from qcar_env.validation import numbers
+
 
 class Policy(Protocol):
     """A policy, as Stable-Baselines3's `PolicyPredictor`; its models satisfy it untouched."""
@@ -63,7 +65,7 @@ def actions_of(
     Raises
     ------
     ValueError
-        If the policy does not return a pair, or actions of another shape.
+        If the policy does not return a pair, or actions that are no numbers or of another shape.
     """
     found: Any = policy.predict(observation, state=memory, episode_start=begins, deterministic=True)
     if not isinstance(found, (tuple, list)) or len(found) != 2:
@@ -71,7 +73,7 @@ def actions_of(
             f"predict must return actions and memory, got {type(found).__name__}; "
             "return (actions, None) where nothing is remembered"
         )
-    action = np.asarray(found[0], dtype=np.float64)
+    action = numbers("action", found[0])
     n = len(observation)
     if action.shape != (n, size):
         raise ValueError(

@@ -8,7 +8,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from agents.gradient import Motion  # noqa: E402
+from agents.gradient import GradientTrainer, Motion  # noqa: E402
+from agents.recipes import RECIPES  # noqa: E402
 from qcar_env.engine.cars import SAME_STEP  # noqa: E402
 from qcar_env.envs.episode import Settings  # noqa: E402
 from qcar_env.parts.actuator import SuspensionActuator  # noqa: E402
@@ -95,3 +96,13 @@ def test_what_torch_cannot_run_is_refused_by_name():
     odd = Signal("odd", "m", "odd", lambda m, p: math.floor(m.x.x1), scale=1.0)
     with pytest.raises(ValueError, match="cannot differentiate signal 'odd'"):
         moving(SCENARIOS["paper"], observe=("x1", odd))
+
+
+def test_a_training_that_diverges_ends():
+    """It went on with a network, and cars, that were no numbers."""
+    recipe = next(each for each in RECIPES.values() if each.algorithm == "gradient")
+    trainer = GradientTrainer(dataclasses.replace(recipe, cars=4), 0)
+    with torch.no_grad():
+        next(trainer.actor().parameters()).fill_(math.nan)
+    with pytest.raises(ValueError, match="the gradient must be finite, got nan after 0 steps"):
+        trainer.learn(lambda: True)

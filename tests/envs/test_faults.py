@@ -164,6 +164,78 @@ def test_the_wheels_velocity_is_not_clipped_in_an_uncontrolled_crossing(L, V):
     assert np.all(largest > 0.1)
 
 
+# Actions -----------------------------------------------------------------------------------------
+
+PUSH = np.array([[0.25, -0.5], [0.125, 0.75], [-1.0, 1.0]], np.float32)
+TAKEN = {
+    "as they are": PUSH,
+    "by columns": np.array([PUSH[:, 0], PUSH[:, 1]]).T,
+    "every other": np.repeat(PUSH, 2, axis=1)[:, ::2],
+    "backwards": PUSH[::-1, ::-1].copy()[::-1, ::-1],
+    "broadcast": np.broadcast_to(PUSH[:1], (3, 2)),
+    "a list": PUSH.tolist(),
+    "float64": PUSH.astype(np.float64),
+    "float16": PUSH.astype(np.float16),
+    "whole numbers": PUSH.astype(np.int64),
+    "bytes swapped": PUSH.astype(">f4"),
+    "objects": PUSH.astype(object),
+    "nothing masked": np.ma.array(PUSH),
+}
+REFUSED = {
+    "complex": PUSH.astype(np.complex64),
+    "text": PUSH.astype(str),
+    "text among objects": np.array([["0.5", 0.5]] * 3, dtype=object),
+    "bytes among objects": np.array([[b"0.5", 0.5]] * 3, dtype=object),
+    "nothing among objects": np.array([[None, 0.5]] * 3, dtype=object),
+    "masked": np.ma.array(PUSH, mask=[[False, True]] * 3),
+    "not a number": np.full((3, 2), np.nan),
+    "not a number of float32": np.full((3, 2), np.nan, np.float32),
+}
+
+
+def pushed(kind, actions):
+    """Return the forces over their limits, and all cars' states, after a step in a kind of cars."""
+    if kind == "single":
+        env = QuarterCarHumpEnv()
+        env.reset(seed=0)
+        try:
+            force = env.step(actions[0])[4]["force"]
+        finally:
+            state = np.array(env.state)
+    elif kind == "many":
+        env = QuarterCarHumpVectorEnv(3)
+        env.reset(seed=0)
+        try:
+            force = env.step(actions)[4]["force"]
+        finally:
+            state = env.states
+    else:
+        env = pytest.importorskip("agents.vec_env").QuarterCarHumpVecEnv(3)
+        env.seed(0)
+        env.reset()
+        force, state = [each["force"] for each in env.step(actions)[3]], env.vector.states
+    return np.atleast_2d(force) / [280.0, 33.0], state
+
+
+@pytest.mark.parametrize("kind", ["single", "many", "training"])
+@pytest.mark.parametrize("name", TAKEN)
+def test_actions_may_lie_in_memory_in_any_way_and_be_of_any_kind(kind, name):
+    """`np.array([u1, u2]).T` was an IndexError."""
+    given = TAKEN[name]
+    expected = np.asarray(given, np.float32)[: 1 if kind == "single" else 3]
+    force, state = pushed(kind, given)
+    assert np.array_equal(force, expected)
+    assert np.array_equal(state, pushed(kind, np.asarray(given, np.float32))[1])
+
+
+@pytest.mark.parametrize("kind", ["single", "many", "training"])
+@pytest.mark.parametrize("name", REFUSED)
+def test_actions_that_are_no_numbers_are_refused(kind, name):
+    """The training environment gave observations that were no numbers, and no end."""
+    with pytest.raises(ValueError, match=r"actions? must be (numbers|finite), got .*"):
+        pushed(kind, REFUSED[name])
+
+
 # Attributes --------------------------------------------------------------------------------------
 
 

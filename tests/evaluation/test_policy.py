@@ -40,6 +40,10 @@ def together(policy):
         (Returns((np.zeros(2), None)), r"action must have shape \(1, 2\), got \(2,\); return one"),
         (Returns((np.zeros((1, 1)), None)), r"action must have shape \(1, 2\), got \(1, 1\);"),
         (Returns((np.full((1, 2), np.nan), None)), "action must be finite"),
+        (Returns((np.full((1, 2), 0.5 + 0.5j), None)), "action must be numbers, got .*0.5j"),
+        (Returns((np.full((1, 2), "0.5"), None)), "action must be numbers, got .*'0.5'"),
+        (Returns(([["0.5", 0.5]], None)), "action must be numbers, got .*'0.5'"),
+        (Returns(([[None, 0.5]], None)), "action must be finite"),
     ],
 )
 def test_what_is_no_policy_is_refused(run, policy, message):
