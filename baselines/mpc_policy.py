@@ -137,10 +137,15 @@ class MPCPolicy:
         solver = self._solver(n)
         solver.update(q=linear_term.ravel())
         solver.warm_start(x=guess.ravel(), y=multipliers.ravel())
-        result = solver.solve(raise_error=False)
+        result, status = solver.solve(raise_error=False), self._osqp.SolverStatus
+        if result.info.status_val == status.OSQP_SIGINT:  # it keeps Ctrl-C from Python
+            raise KeyboardInterrupt
+        if result.info.status_val != status.OSQP_SOLVED:
+            raise RuntimeError(
+                f"OSQP did not solve the program ({result.info.status}); give other weights or a "
+                "shorter horizon"
+            )
         found = np.asarray(result.x).reshape(n, size)
-        if not np.all(np.isfinite(found)):
-            raise RuntimeError(f"OSQP did not solve the program: {result.info.status}")
         action = np.clip(found[:, : self._actions], -1.0, 1.0)
         following = np.hstack([found[:, self._actions :], found[:, -self._actions :]])
         dual = np.asarray(result.y).reshape(n, size)

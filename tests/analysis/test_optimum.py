@@ -1,6 +1,9 @@
 import dataclasses
 import itertools
 import math
+import os
+import signal
+import threading
 import time
 
 import numpy as np
@@ -382,3 +385,16 @@ def test_bad_arguments(arguments, message):
 def test_bad_arguments_of_an_episode(arguments, message):
     with pytest.raises(ValueError, match=message):
         episode_optimum("paper-hump", **arguments)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs signals of Unix")
+def test_ctrl_c_ends_a_program():
+    def forever():
+        while True:
+            period_optimum(PAPER, samples=256)
+
+    timer = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+    timer.start()
+    with pytest.raises(KeyboardInterrupt):
+        forever()
+    timer.join()

@@ -135,6 +135,33 @@ def test_mpc_refuses_an_observation_that_is_not_finite(wrong):
         catalogue.make("mpc").predict(seen)
 
 
+@pytest.mark.parametrize(
+    ("status", "error", "message"),
+    [
+        ("OSQP_SIGINT", KeyboardInterrupt, "^$"),
+        ("OSQP_MAX_ITER_REACHED", RuntimeError, r"OSQP did not solve .* \(its words\); give"),
+        ("OSQP_SOLVED_INACCURATE", RuntimeError, r"OSQP did not solve .* \(its words\); give"),
+    ],
+)
+def test_a_program_that_mpc_has_not_solved_moves_no_car(status, error, message):
+    """Ctrl-C ended the program, and what it had come to was taken for its solution."""
+    policy, seen = catalogue.make("mpc"), np.zeros((1, 8))
+    solver = policy._solver(1)
+    solve = solver.solve
+
+    def ended(**kwargs):
+        result = solve(**kwargs)
+        result.info.status_val, result.info.status = policy._osqp.SolverStatus[status], "its words"
+        return result
+
+    solver.solve = ended
+    with pytest.raises(error, match=message):
+        policy.predict(seen)
+    solver.solve = solve
+    expected = catalogue.make("mpc").predict(seen)[0]
+    assert policy.predict(seen)[0] == pytest.approx(expected, abs=1e-3)  # OSQP's tolerance
+
+
 @pytest.mark.parametrize("name", ["cnvc", "ndf", "lqr", "lqr-feedforward", "lqr-model", "mpc"])
 def test_no_cars_get_no_actions(name):
     policy = catalogue.make(name)
