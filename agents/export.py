@@ -108,6 +108,6 @@ def export_checked(actor: nn.Module, observation_size: int, path: Path) -> None:
         path.unlink()
         raise RuntimeError(
             f"the exported policy differs by {found:.2g} from the original, more than "
-            f"{TOLERANCE:g} and the rounding of {rounding:.2g}; do the weights hold numbers that are "
-            "not finite?"
+            f"{TOLERANCE:g} and the rounding of {rounding:.2g}; do the weights hold numbers that "
+            "are not finite?"
         )
