@@ -131,7 +131,8 @@ def test_results_are_complete_and_a_second_run_is_identical(tmp_path):
 
 def test_other_seeds_move_the_result_within_its_intervals(tmp_path):
     # Of two free draws from one distribution, 83 % of the figures lie within the other's interval
-    # of 95 %: P(|z| < 1.96 / sqrt 2). A Latin hypercube varies less than a free draw.
+    # of 95 %: P(|z| < 1.96 / sqrt 2). All policies share the draws, so that there are no more than
+    # six pairs of seeds to count: 83 % with a standard deviation of 15 %.
     names = ("cnvc", "lnvc", "skyhook", "lqr")
     found = []
     for seed in range(4):
@@ -148,7 +149,7 @@ def test_other_seeds_move_the_result_within_its_intervals(tmp_path):
             assert a["low"] <= b["high"]  # no figure is contradicted
             assert b["low"] <= a["high"]
             inside.append(a["low"] <= b["value"] <= a["high"])
-    assert np.mean(inside) > 0.83
+    assert np.mean(inside) > 0.83 - 2.0 * 0.15
 
 
 def test_a_policy_that_fails_does_not_take_the_others_with_it(tmp_path, mine, capsys):
