@@ -63,7 +63,7 @@ def page(preset: Scenario, say: Callable[[str], None] = lambda text: None) -> st
     say("trends and claims ...")
     errata = "equation | what is wrong | shown by"
     sections += [
-        *(each(preset) for each in (_trends, _claims, _accuracy)),
+        *(each(preset) for each in (_trends, _claims, _costs, _accuracy)),
         _section("Errata of the printed paper", "", errata, ERRATA),
         _section("What the paper leaves unstated", "", "unstated | here", UNSTATED),
     ]
@@ -177,6 +177,31 @@ def _claims(preset: Scenario) -> str:
         for each in fidelity.claims(preset)
     ]
     return _section("Claims", "", "where | the paper says | we find | agreement | reason", rows)
+
+
+def _costs(preset: Scenario) -> str:
+    rows = [
+        (
+            each.law.name, f"{each.law.numbers[0]:g}", str(each.operations.multiplications),
+            str(each.operations.additions), f"{each.from_rest.time:.2f} s",
+            f"{each.switched_on.time:.2f} s",
+            " and ".join(f"{force:.0f}" for force in each.switched_on.peak_force),
+            f"{each.limited.time:.1f} s",
+        )
+        for each in fidelity.costs(preset)
+    ]  # fmt: skip
+    limits = " and ".join(f"{limit:g}" for limit in preset.actuator.limit)
+    return _section(
+        "Time and operations of each law",
+        "Operations of a control step are counted in the law's own functions: its command, and of "
+        "a law with a filter one Runge-Kutta step of that. The time is that of the first extreme "
+        "displacement from which on all of wheel and body are within 5 % of the steady amplitude: "
+        "from rest, and with the control switched on in the steady motion without control, there "
+        f"also with forces limited to {limits} m/s².",
+        "law | G or p | multiplications | additions | from rest | switched on | "
+        "peak forces then [m/s²] | switched on, limited",
+        rows,
+    )
 
 
 def _accuracy(preset: Scenario) -> str:
