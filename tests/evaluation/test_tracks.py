@@ -30,6 +30,27 @@ RANDOMISED_EPISODE = (
     3.627106450440241,
 )
 
+# Gains tuned from rest alone: from there the best of the linear laws, but with a second steady
+# motion that one start in fifteen ends in.
+FROM_REST_ALONE = {
+    "k11": -8.1080591,
+    "k12": 75.446057,
+    "k13": -56.88911,
+    "k14": 116.61457,
+    "k21": -0.45915054,
+    "k22": -122.33068,
+    "k23": -5.4801455,
+    "k24": -122.33235,
+    "w11": -0.95770623,
+    "w12": -0.46525037,
+    "w13": 0.024785945,
+    "w14": -0.05527676,
+    "w21": 0.00059503895,
+    "w22": -0.023028521,
+    "w23": -0.74476639,
+    "w24": -0.099446083,
+}
+
 
 @pytest.mark.parametrize("name", list(TRACKS))
 @pytest.mark.parametrize("split", tracks.SPLITS)
@@ -173,3 +194,13 @@ def test_unknown_names_list_what_there_is():
         track("papr")
     with pytest.raises(ValueError, match="unknown split 'test'"):
         episodes(track("paper"), "test", force_scale=1.0)  # type: ignore[arg-type]
+
+
+def test_a_law_with_a_second_steady_motion_does_not_hide_behind_starts_from_rest():
+    each = track("randomised")
+    policy = catalogue.make("linear", each.at(1.0), **FROM_REST_ALONE)
+    rho = np.array([row.rho for row in score(policy, each, 1.0, name="", kind="yours").rows])
+    assert rho[::2].mean() < 0.03
+    assert np.mean(rho > 1.0) > 0.01
+    best = catalogue.make_tuned("linear", "randomised", 1.0, each.at(1.0))
+    assert max(row.rho for row in score(best, each, 1.0, name="", kind="tuned").rows) < 1.0
