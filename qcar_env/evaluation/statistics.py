@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -226,9 +225,13 @@ def _drawn(values: Array, rng: np.random.Generator, resamples: int) -> Array:
 
 def _improvement(better: Array, worse: Array) -> Array:
     """Return the share of pairs along the last axes that are better; a tie counts half."""
-    pairs = better.shape[-1] * worse.shape[-1]
-    found: Any = stats.mannwhitneyu(worse, better, axis=-1, method="asymptotic")
-    return found.statistic / pairs
+
+    def share(x: Array, y: Array) -> float:
+        ordered = np.sort(y)
+        below, not_above = (np.searchsorted(ordered, x, side) for side in ("left", "right"))
+        return 1.0 - float(np.mean(below + not_above)) / (2.0 * len(y))
+
+    return np.vectorize(share, signature="(n),(k)->()")(better, worse)
 
 
 def _interval(value: ArrayLike, resampled: Array, level: float) -> Interval:
