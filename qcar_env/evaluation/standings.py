@@ -31,7 +31,7 @@ class Standing:
     rho: Interval  # mean over the episodes [-]
     cvar: float  # mean of the worst 5 % of them [-]
     worst: float  # [-]
-    above: float  # share of them that end above no control [-]
+    above: float  # share of them that end above no control, by more than `ALIKE` [-]
     settling: float  # median of their settling times [s]
     optimum: float  # mean of the lower bounds [-]; not a number where none is known
     improvement: Interval | None  # probability of a lower rho than the reference's [-]
@@ -85,7 +85,7 @@ def standings(
                     rho=bootstrap([values], mean, rng),
                     cvar=float(cvar(values)),
                     worst=max(values),
-                    above=float(np.mean(np.array(values) > 1.0)),
+                    above=float(np.mean(np.array(values) > 1.0 + ALIKE)),
                     settling=float(np.median([row.settling_time for row in each])),
                     optimum=float(mean(bounds[key])) if bounds[key] else float("nan"),
                     improvement=versus if name != reference else None,
