@@ -676,7 +676,7 @@ threading.Thread(target=interrupt, daemon=True).start()
 while caught < 20:
     try:
         wanted.release()
-        while True:
+        for _ in range(400):  # an interrupt that Python drops, as in a finaliser, comes again
             env.step(action)
             taken += 1
     except KeyboardInterrupt:
