@@ -42,7 +42,7 @@ TINY = {
         steps=24 * 3 * 40 * 30,
         settings=dataclasses.replace(
             RECIPES["cma-randomised"].settings,
-            crossing=0.2,
+            length=0.2,
             settle=0.3,
             generations=12,
             refine_generations=18,
@@ -52,7 +52,7 @@ TINY = {
         RECIPES["cma-budget"],
         cars=2,
         steps=24 * 2 * 40 * 5 * 4,
-        settings=dataclasses.replace(RECIPES["cma-budget"].settings, crossing=0.2, generations=4),
+        settings=dataclasses.replace(RECIPES["cma-budget"].settings, length=0.2, generations=4),
     ),
 }
 
