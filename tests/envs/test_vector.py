@@ -667,6 +667,7 @@ elapsed, action = rng.integers(0, 20, n), np.full((n, 2), 0.2, np.float32)
 for each in (env, twin):
     each.reset(seed=0)
     each.stagger(elapsed)
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
 taken, caught, wanted = 0, 0, threading.Semaphore(0)
 def interrupt():
     while wanted.acquire():
@@ -676,7 +677,7 @@ threading.Thread(target=interrupt, daemon=True).start()
 while caught < 20:
     try:
         wanted.release()
-        for _ in range(400):  # an interrupt that Python drops, as in a finaliser, comes again
+        while True:
             env.step(action)
             taken += 1
     except KeyboardInterrupt:
