@@ -235,14 +235,14 @@ class Shares(nn.Module):
 
     def __init__(self, nodes: tuple[float, ...]) -> None:
         super().__init__()
-        where = torch.tensor(nodes, dtype=torch.float32)
+        where = torch.tensor(nodes, dtype=torch.float64)  # as the compiled law: gains differ a lot
         self.register_buffer("nodes", where)
-        self.register_buffer("rising", torch.cat([torch.tensor([1.0]), where.diff()]))
-        self.register_buffer("falling", torch.cat([where.diff(), torch.tensor([1.0])]))
+        self.register_buffer("rising", torch.cat([torch.ones(1), where.diff()]))
+        self.register_buffer("falling", torch.cat([where.diff(), torch.ones(1)]))
 
     def forward(self, value: Tensor) -> Tensor:
-        """Return the shares (n, len(nodes)) at values (n, 1)."""
-        held = torch.clamp(value, self.nodes[0], self.nodes[-1])  # type: ignore[index]
+        """Return the shares (n, len(nodes)), in double precision, at values (n, 1)."""
+        held = torch.clamp(value.double(), self.nodes[0], self.nodes[-1])  # type: ignore[index]
         up = 1.0 + (held - self.nodes) / self.rising  # type: ignore[operator]
         down = 1.0 - (held - self.nodes) / self.falling  # type: ignore[operator]
         return torch.clamp(torch.minimum(up, down), 0.0, 1.0)
@@ -334,17 +334,17 @@ class LawNet(nn.Module):
         count, nodes, actions, inputs = self.gains.shape
         parameters = self.gains.double()
         if self.limits is not None:
-            share = self.limits(observation[:, -1:]).double()
+            share = self.limits(observation[:, -1:])
             parameters = (share @ parameters.reshape(count, -1)).reshape(-1, nodes, actions, inputs)
         gains = 0.5 * (torch.exp(parameters) - torch.exp(-parameters))  # ONNX: sinh of float32 only
         if self.roads is None or self.forces is None:
             return gains[:, 0]
-        world = observation[:, task.FEEDBACK_SIZE : task.FULL_SIZE]
+        world = observation[:, task.FEEDBACK_SIZE : task.FULL_SIZE].double()
         road = self.roads(torch.sqrt(torch.sum(world[:, 0:2] * world[:, 0:2], dim=1, keepdim=True)))
         force = self.forces(
             torch.sqrt(torch.sum(world[:, 2:4] * world[:, 2:4], dim=1, keepdim=True))
         )
-        share = (road[:, :, None] * force[:, None, :]).reshape(-1, nodes).double()
+        share = (road[:, :, None] * force[:, None, :]).reshape(-1, nodes)
         return torch.sum(share[:, :, None, None] * gains, dim=1)
 
 
