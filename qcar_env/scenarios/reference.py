@@ -1,17 +1,17 @@
 """The uncontrolled motion of a scenario: what observations, rewards and scores are divided by.
 
 On a harmonic road a linear car has a steady motion, whose amplitudes scores divide by. Elsewhere
-they are the largest displacements of an episode from rest; where the road has ended by then and is
-level, of all the motion that follows, however short the episode. What a policy is shown is divided
-by the largest value that the same signal reaches without control: in that motion, with its
-transient, and in episodes from starts as they are drawn.
+they are the largest displacements, at every instant, of an episode from rest; where the road has
+ended by then and is level, of all the motion that follows, however short the episode. What a policy
+is shown is divided by the largest value that the same signal reaches without control: in that
+motion, with its transient, and in episodes from starts as they are drawn.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from qcar_env.engine.starts import OBSERVATION_LIMIT
 from qcar_env.physics import linear
+from qcar_env.physics.peaks import largest_between
 from qcar_env.physics.signals import SIGNALS, Signal
 from qcar_env.validation import non_negative, positive, store
 
@@ -174,18 +175,20 @@ def _largest(
         )
     masses = scenario.car.has_masses
     chosen = signals or tuple(each for each in SIGNALS.values() if masses or not each.needs_masses)
-    rest = _idle(Plan(_until_steady(scenario), chosen, unscaled=UNSCALED), None, 1)
-    names = [each.name for each in chosen]
+    rest = next(_idle(Plan(_until_steady(scenario), chosen, unscaled=UNSCALED), None, 1))
+    names, largest = [each.name for each in chosen], np.max(np.abs(rest), axis=0)
     if signals:
         basis, _ = _largest(scenario, ())
     else:
-        value = dict(zip(names, rest, strict=True))
-        peaks = float(value["x1"]), float(value["x2"])
-        _check_moves(peaks)
-        basis = peaks, (float(value["v1"]) / peaks[0], float(value["v2"]) / peaks[1])
+        x, v = (rest[:, [names.index(f"{of}{mass}") for mass in (1, 2)]] for of in "xv")
+        found = largest_between(x[:-1], v[:-1], x[1:], v[1:], scenario.dt)
+        peaks, fastest = found.max(axis=0), np.max(np.abs(v), axis=0)
+        amplitudes = float(peaks[0]), float(peaks[1])
+        _check_moves(amplitudes)
+        basis = amplitudes, (float(fastest[0]) / amplitudes[0], float(fastest[1]) / amplitudes[1])
     begun = Plan(scenario, chosen, unscaled=(*basis[0], *basis[1]))
-    drawn = _idle(begun, 0, DRAWN)
-    largest = np.maximum(rest, drawn)
+    for drawn in _idle(begun, 0, DRAWN):
+        np.maximum(largest, np.max(np.abs(drawn), axis=0), out=largest)
     return basis, {name: float(each) for name, each in zip(names, largest, strict=True)}
 
 
@@ -202,25 +205,22 @@ def _until_steady(scenario: Scenario) -> Scenario:
     return dataclasses.replace(scenario, duration=last)
 
 
-def _idle(plan: Any, seed: int | None, n: int) -> NDArray[np.float64]:
-    """Return the largest reading of each signal of idle cars, from rest or from drawn starts."""
+def _idle(plan: Any, seed: int | None, n: int) -> Iterator[NDArray[np.float64]]:
+    """Yield the readings (k, size) of idle cars, from rest or from drawn starts, one by one."""
     from qcar_env.engine.car import Car
 
     car = Car(plan)
     rng = np.random.default_rng(seed)
     given = np.full(5, np.nan if seed is not None else 0.0)
     idle, force = np.zeros(car.actions, np.float32), np.empty(car.actions)
-    largest = np.zeros(car.size)
+    rows = np.empty((plan.scenario.steps + 1, car.size), np.float32)
     for _ in range(n):
-        seen = np.abs(car.begin(rng.random(plan.source.uniforms), given))
-        for _ in range(plan.scenario.steps):
-            np.maximum(largest, seen, out=largest)
+        rows[0] = car.begin(rng.random(plan.source.uniforms), given)
+        for seen in rows[1:]:
             car.advance(car.array, idle, seen, force)
-            seen = np.abs(seen)
-        np.maximum(largest, seen, out=largest)
-        if not np.isfinite(seen).all() or largest.max() >= OBSERVATION_LIMIT:
+        if not np.isfinite(rows).all() or np.abs(rows).max() >= OBSERVATION_LIMIT:
             raise ValueError(
                 "the uncontrolled car must stay within bounds, but it diverges; give it damping, "
                 "softer stops, a smaller dt or more substeps"
             )
-    return largest / TINY
+        yield rows / np.float64(TINY)

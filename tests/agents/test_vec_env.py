@@ -222,7 +222,7 @@ def test_one_policy_sees_a_limit_for_each_episode():
     assert np.any(seen[:, -1] != first)
     limits, counts = np.unique(seen[:, -1], return_counts=True)
     np.testing.assert_allclose(limits, sorted(recipe.force_scales), rtol=1e-6)
-    assert counts.min() > 60  # of 100 expected: 4 standard deviations
+    assert counts.min() > 66  # of 100 expected: 3.5 standard deviations
 
 
 def test_one_seed_one_history_and_another_seed_another():

@@ -42,7 +42,7 @@ DRAWN = Track(
     scenario="paper-randomised",
     force_scales=(1.0, 0.25),
     episodes=48,
-    duration=2.0,
+    duration=10.0,  # in 2 s what is left of a drawn start makes a tail that 48 episodes miss
     periods=3,
 )
 
@@ -131,8 +131,7 @@ def test_results_are_complete_and_a_second_run_is_identical(tmp_path):
 
 def test_other_seeds_move_the_result_within_its_intervals(tmp_path):
     # Of two free draws from one distribution, 83 % of the figures lie within the other's interval
-    # of 95 %: P(|z| < 1.96 / sqrt 2). All policies share the draws, so that there are no more than
-    # six pairs of seeds to count: 83 % with a standard deviation of 15 %.
+    # of 95 %: P(|z| < 1.96 / sqrt 2). A Latin hypercube varies less than a free draw.
     names = ("cnvc", "lnvc", "skyhook", "lqr")
     found = []
     for seed in range(4):
@@ -149,7 +148,7 @@ def test_other_seeds_move_the_result_within_its_intervals(tmp_path):
             assert a["low"] <= b["high"]  # no figure is contradicted
             assert b["low"] <= a["high"]
             inside.append(a["low"] <= b["value"] <= a["high"])
-    assert np.mean(inside) > 0.83 - 2.0 * 0.15
+    assert np.mean(inside) > 0.83
 
 
 def test_a_policy_that_fails_does_not_take_the_others_with_it(tmp_path, mine, capsys):
