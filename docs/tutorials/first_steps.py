@@ -17,7 +17,7 @@ import numpy as np
 
 import qcar_env  # noqa: F401 - registers QuarterCarHump-v0
 from baselines import catalogue
-from qcar_env.evaluation.metrics import reduction_db, steady_amplitude
+from qcar_env.evaluation.metrics import reduction_db
 from qcar_env.evaluation.rollouts import rollout
 from qcar_env.scenarios import scenario
 
@@ -77,7 +77,7 @@ duration = 2.0 if SHORT else 60.0
 for name in ("none", "lnvc", "cnvc"):
     episode = rollout(catalogue.make(name, paper), paper, duration=duration)
     parts = []
-    for x, without in zip((episode.x1, episode.x2), paper.reference_amplitudes, strict=True):
-        amplitude = steady_amplitude(episode.t, x, paper.reference_frequency)
+    found = episode.amplitudes(periods=5)
+    for amplitude, without in zip(found, paper.reference_amplitudes, strict=True):
         parts.append(f"{amplitude:.4f} m ({-reduction_db(without, amplitude):+.1f} dB)")
     print(f"{name:5s} wheel {parts[0]}, body {parts[1]}")

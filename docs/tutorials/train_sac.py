@@ -21,7 +21,7 @@ from agents.load import load
 from agents.recipes import recipe
 from agents.train import train
 from baselines import catalogue
-from qcar_env.evaluation.metrics import reduction_db, steady_amplitude
+from qcar_env.evaluation.metrics import reduction_db
 from qcar_env.evaluation.rollouts import rollout
 from qcar_env.scenarios import scenario
 
@@ -68,8 +68,8 @@ paper = scenario("paper")
 for name, policy in (("CNVC", catalogue.make("cnvc", paper)), ("SAC", load(folder))):
     episode = rollout(policy, paper, duration=5.0 if SHORT else 60.0)
     parts = []
-    for x, without in zip((episode.x1, episode.x2), paper.reference_amplitudes, strict=True):
-        amplitude = steady_amplitude(episode.t, x, paper.reference_frequency)
+    found = episode.amplitudes(periods=5)
+    for amplitude, without in zip(found, paper.reference_amplitudes, strict=True):
         parts.append(f"{amplitude:.5f} m ({-reduction_db(without, amplitude):+.1f} dB)")
     peak = np.abs(episode.force).max(axis=0)
     print(f"{name:5s} wheel {parts[0]}, body {parts[1]}, peak force {peak[0]:.0f} / {peak[1]:.0f}")

@@ -266,8 +266,8 @@ class Cars(Storage):
         Returns
         -------
         ndarray (n, 2)
-            Largest |x1|, |x2| [m] at every instant of the window; infinite for a car
-            whose state or action is no finite number.
+            Largest |x1|, |x2| [m] at every instant of the window; infinite for a car whose state or
+            action is no finite number.
 
         Raises
         ------
@@ -281,15 +281,7 @@ class Cars(Storage):
             )
         peak = np.zeros((self.n, 2))
         driver(self.kernels.step.py_func, act)(
-            *(self._of_worker[0], self._outputs()[1:], seen),
-            *(
-                np.zeros(self._shape, SHOWN),
-                gains,
-                self.n // laws,
-                shared,
-                intervals,
-                window,
-                *(self.plan.dt, peak),
-            ),
+            *(self._of_worker[0], self._outputs()[1:], seen, np.zeros(self._shape, SHOWN)),
+            *(gains, self.n // laws, shared, intervals, window, self.plan.dt, peak),
         )
         return np.where(np.isnan(peak), np.inf, peak)

@@ -68,7 +68,7 @@ class Outcome:
         names = {each.name for each in self.homes}
         return findings(each for each in self.standings if each.track in names)
 
-    def beside(self) -> dict[str, list[float]]:
+    def by_case(self) -> dict[str, list[float]]:
         """Return the mean rho of each policy in each of `cases` [-]; nan where it did not run."""
         found: dict[str, list[float]] = {}
         for i, case in enumerate(self.cases):

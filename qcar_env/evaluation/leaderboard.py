@@ -65,7 +65,7 @@ def _robustness(outcome: Outcome) -> list[str]:
     home, names = first.home, [each.name for each in outcome.cases]
     table = tables.markdown(
         ("policy", *names),
-        [[name, *map(_rho, values)] for name, values in outcome.beside().items()],
+        [[name, *map(_rho, values)] for name, values in outcome.by_case().items()],
         right="l" + "r" * len(names),
     )
     return [

@@ -92,18 +92,6 @@ def last_periods(t: ArrayLike, omega: float, periods: int = 5) -> slice:
     return slice(samples - count, samples)
 
 
-def steady_amplitude(t: ArrayLike, x: ArrayLike, omega: float, periods: int = 5) -> float:
-    """Return the largest ``|x|`` over the last whole periods [m] (arguments: `last_periods`).
-
-    Raises
-    ------
-    ValueError
-        If `x`, array (k,), has not as many samples as `t`, or see `last_periods`.
-    """
-    _, values = _record(t, "x", x)
-    return float(np.max(np.abs(values[last_periods(t, omega, periods)])))
-
-
 def rms(values: ArrayLike) -> float:
     """Return the root mean square of `values`, array (k,), in their own unit.
 

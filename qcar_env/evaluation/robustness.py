@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from qcar_env.envs.episode import observed
-from qcar_env.evaluation.tracks import TRACKS, Episode, Track
+from qcar_env.evaluation.tracks import Episode, Track, track
 from qcar_env.parts.sensor import Sensor
 from qcar_env.physics.car import PaperCar
 from qcar_env.scenarios import Scenario
@@ -34,6 +34,11 @@ Change = Callable[[Scenario], Scenario]
 
 
 def _scaled(scenario: Scenario, factor: float, *what: Callable[[Distribution], Vary]) -> Scenario:
+    if scenario.randomisation:
+        raise ValueError(
+            f"scenario {scenario.name!r} must not vary, as it is changed by a factor; give one "
+            "that is drawn already"
+        )
     varied = tuple(each(Choice(values=(factor,))) for each in what)
     return dataclasses.replace(scenario, randomisation=varied).drawn([0.0] * len(varied))
 
@@ -52,7 +57,8 @@ def masses(scenario: Scenario, body: float, wheel: float = 1.0) -> Scenario:
     """Return a scenario with the masses times these factors [-]; forces keep their newtons."""
     if not isinstance(scenario.car, PaperCar):
         found = scenario.car.numbers
-        return scenario.replaced({"car.m1": wheel * found.m1, "car.m2": body * found.m2})
+        force = {"force.f": scenario.force.f / body}
+        return scenario.replaced({"car.m1": wheel * found.m1, "car.m2": body * found.m2, **force})
     return _scaled(_scaled(scenario, body, body_mass_of_paper_car), wheel, wheel_mass_of_paper_car)
 
 
@@ -108,9 +114,9 @@ def tracks(home: str | Track = "budget", force_scale: float = 1.0) -> tuple[Trac
     Raises
     ------
     ValueError
-        If there is no such track, or its scenario varies or has no harmonic road.
+        If there is no such track, or its scenario varies.
     """
-    found = TRACKS[home] if isinstance(home, str) else home
+    found = track(home)
     return tuple(
         dataclasses.replace(
             found,

@@ -64,7 +64,7 @@ def _frontier(outcome: Outcome, track: Track) -> Figure:
 
 
 def _robustness(outcome: Outcome) -> Figure:
-    found = outcome.beside()
+    found = outcome.by_case()
     figure = plt.figure(figsize=(plots.DOUBLE_COLUMN, 1.0 + 0.17 * len(found)))
     ax = figure.subplots()
     plots.robustness(ax, found, [each.name for each in outcome.cases])

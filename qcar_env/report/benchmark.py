@@ -156,7 +156,7 @@ def _board(track: Track, outcome: Outcome, looks: Mapping[str, Line]) -> Table:
 
 def _robustness(outcome: Outcome, looks: Mapping[str, Line]) -> Table:
     """Return rho where policies meet what they were not made for."""
-    found, first = outcome.beside(), outcome.cases[0]
+    found, first = outcome.by_case(), outcome.cases[0]
     return Table(
         title="Robustness",
         note=f"Policies of track {first.home.name} at force limit {first.force_scales[0]:g}, as "

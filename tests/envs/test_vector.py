@@ -652,6 +652,27 @@ def test_a_keyboard_interrupt_in_a_threaded_step_waits_for_the_workers(two_threa
     env.step(action)
 
 
+SAME = """
+def same(env, twin, action, steps):
+    '''Say whether twins are alike, at once or after some of so many more steps of the second.'''
+    def alike():
+        return all(
+            np.array_equal(getattr(env._cars, name), getattr(twin._cars, name))
+            for name in ("states", "phases", "uniforms")
+        )
+    return alike() or any(twin.step(action) and alike() for _ in range(steps))
+"""
+
+
+def printed_by(script, argument):
+    """Return what a script prints in a process of its own, in which `SAME` is defined."""
+    found = subprocess.run(
+        [sys.executable, "-c", SAME + script, argument], capture_output=True, text=True, timeout=240
+    )
+    assert found.returncode == 0, found.stderr
+    return found.stdout.strip()
+
+
 INTERRUPTED = """
 import os, signal, sys, threading, time
 import numpy as np
@@ -685,12 +706,7 @@ while caught < 20:
 env.step(action)
 for _ in range(taken + 1):
     twin.step(action)
-def same():
-    return all(
-        np.array_equal(getattr(env._cars, name), getattr(twin._cars, name))
-        for name in ("states", "phases", "uniforms")
-    )
-print("caught", caught, same() or any(twin.step(action) and same() for _ in range(caught)))
+print("caught", caught, same(env, twin, action, caught))
 """
 
 
@@ -698,10 +714,7 @@ print("caught", caught, same() or any(twin.step(action) and same() for _ in rang
 @pytest.mark.parametrize("threads", ["1", "2"])
 def test_ctrl_c_leaves_all_cars_at_the_same_step(threads):
     """Some had moved and others not, and episodes that had ended went on."""
-    found = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED, threads], capture_output=True, text=True, timeout=240
-    )
-    assert (found.returncode, found.stdout.strip()) == (0, "caught 20 True"), found.stderr
+    assert printed_by(INTERRUPTED, threads) == "caught 20 True"
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
@@ -797,22 +810,14 @@ resource.setrlimit(resource.RLIMIT_AS, (-1, -1))
 env.step(action)
 for _ in range(taken + 1):
     twin.step(action)
-def same():
-    return all(
-        np.array_equal(getattr(env._cars, name), getattr(twin._cars, name))
-        for name in ("states", "phases", "uniforms")
-    )
-print(taken > 100, same() or any(twin.step(action) and same() for _ in range(failed)))
+print(taken > 100, same(env, twin, action, failed))
 """
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="needs Linux's account")
 @pytest.mark.parametrize("method", ["rk4", "exact"])
 def test_no_memory_left_is_a_memory_error_and_loses_no_car(method):
-    found = subprocess.run(
-        [sys.executable, "-c", SHORT_OF_MEMORY, method], capture_output=True, text=True, timeout=240
-    )
-    assert (found.returncode, found.stdout.strip()) == (0, "True True"), found.stderr
+    assert printed_by(SHORT_OF_MEMORY, method) == "True True"
 
 
 # Time --------------------------------------------------------------------------------------------

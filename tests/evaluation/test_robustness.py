@@ -41,6 +41,18 @@ def test_masses_of_a_car_made_of_parts_are_masses():
     assert found.car.m1 == pytest.approx(0.8 * hump.car.m1)
 
 
+@pytest.mark.parametrize(
+    ("home", "message"),
+    [
+        ("budge", "unknown track 'budge'; did you mean 'budget'"),
+        ("randomised", "scenario 'paper-randomised' must not vary, as it is changed by a factor"),
+    ],
+)
+def test_a_track_that_varies_or_is_none_is_refused(home, message):
+    with pytest.raises(ValueError, match=message):
+        robustness.tracks(home)
+
+
 def test_noise_is_what_it_says_and_another_in_each_episode():
     noisy = CASES["noise 5 %"].lasting
     env = QuarterCarHumpEnv(noisy, duration=5.0)
