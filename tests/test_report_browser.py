@@ -198,6 +198,7 @@ def motion(amplitude: float) -> Rollout:
         reward=-np.abs(x),
         terminated=False,
         scenario=base,
+        before=(float(x[0]), 1.4 * float(x[0]), float(v[0]), 1.4 * float(v[0])),
     )
 
 
@@ -449,12 +450,13 @@ def test_the_full_benchmark_is_below_8_mb_and_interactive_within_two_seconds(bro
 
 def test_long_tables_can_be_filtered(browser, full_size):
     show(browser, full_size)
+    metrics = f"table{len(TRACKS) + 1}"  # behind those of the tracks
     browser.evaluate(
-        "(() => {const box = document.querySelector('[data-filter=table5]'); box.value = "
+        f"(() => {{const box = document.querySelector('[data-filter={metrics}]'); box.value = "
         "'cnvc budget 0.5'; box.dispatchEvent(new Event('input'))})()"
     )
     shown = browser.evaluate(
-        "[...document.querySelectorAll('[aria-labelledby=table5] tbody tr')]"
+        f"[...document.querySelectorAll('[aria-labelledby={metrics}] tbody tr')]"
         ".filter(row => !row.hidden).map(row => row.innerText.split('\\t').slice(0, 3).join('|'))"
     )
     assert sorted(shown) == ["cnvc (tuned)|budget|0.50", "cnvc|budget|0.50"]

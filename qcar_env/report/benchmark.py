@@ -262,11 +262,11 @@ def _distribution(
 def _histories(
     outcome: Outcome, shown: Sequence[str], looks: Mapping[str, Line]
 ) -> list[content.History]:
-    """Thin the histories of the shown policies, on the track with the most force limits."""
+    """Thin the histories of the shown policies, on the first track with several force limits."""
     histories, tracks = outcome.histories, [each.name for each in outcome.tracks]
     period = 2.0 * np.pi / outcome.tracks[0].nominal.reference_frequency
     counts = {name: len({s for _, t, s in histories if t == name}) for name in tracks}
-    where = max(counts, key=lambda name: (counts[name], -tracks.index(name)))
+    where = next((name for name in tracks if counts[name] > 1), tracks[0])
     found: list[content.History] = []
     for scale in sorted({s for _, t, s in histories if t == where}, reverse=True):
         for policy in shown:
