@@ -6,6 +6,7 @@ Episodes begin again in the step that ends them; the last observation is in
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from qcar_env.envs.episode import RESET_OPTIONS, force_scale
 from qcar_env.envs.vector import QuarterCarHumpVectorEnv
 from qcar_env.physics.state import State
 from qcar_env.scenarios import Scenario, scenario
-from qcar_env.validation import known
+from qcar_env.validation import known, whole
 
 SETTABLE = {"force_scale": force_scale, "scenario": scenario}
 
@@ -89,6 +90,16 @@ class QuarterCarHumpVecEnv(VecEnv):
         self._reset_seeds()
         self._reset_options()
         return observations
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Seed the cars with `seed`, `seed + 1`, ... at the next reset.
+
+        Raises
+        ------
+        ValueError
+            If it is no whole number of at least 0.
+        """
+        return super().seed(None if seed is None else whole("seed", seed, least=0))
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Keep the actions for `step_wait`."""

@@ -17,6 +17,7 @@ from qcar_env.roads.profile import Road, Shape
 from qcar_env.roads.shapes import Sine
 from qcar_env.roads.train import Train
 from qcar_env.scenarios import Scenario
+from qcar_env.validation import finite
 
 # Lengths in a frame of 640 x 480 [px].
 WHEEL = 46.0  # radius of the tyre
@@ -63,6 +64,10 @@ class Picture:
     state: State
     force: tuple[float, float]
     note: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that the car is somewhere."""
+        finite("distance on the road", self.distance, "m")
 
     @property
     def levels(self) -> tuple[float, float]:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from qcar_env.validation import finite, positive, whole
+from qcar_env.validation import finite, numbers, positive, shown, whole
 
 Array = NDArray[np.float64]
 
@@ -59,8 +59,24 @@ def rho(amplitudes: ArrayLike, uncontrolled: ArrayLike) -> float:
     ----------
     amplitudes, uncontrolled : array_like (2,)
         Of wheel and body with and without control [m].
+
+    Raises
+    ------
+    ValueError
+        If one is negative or no number, or an uncontrolled one is zero or infinite.
     """
-    return float(np.max(np.asarray(amplitudes) / np.asarray(uncontrolled)))
+    left, free = numbers("amplitudes", amplitudes), numbers("uncontrolled amplitudes", uncontrolled)
+    if not (left.shape == free.shape == (2,) and np.all(left >= 0.0)):
+        raise ValueError(
+            f"amplitudes must be two, of at least 0 m, with and without control, got {shown(left)} "
+            f"and {shown(free)}; give those of wheel and body"
+        )
+    if not np.all((free > 0.0) & (free < math.inf)):
+        raise ValueError(
+            f"uncontrolled amplitudes must be positive and finite, got {shown(free)} m; where "
+            "nothing moves without control no share of it can be left"
+        )
+    return float(np.max(left / free))
 
 
 def last_periods(t: ArrayLike, omega: float, periods: int = 5) -> slice:
@@ -98,7 +114,7 @@ def rms(values: ArrayLike) -> float:
     Raises
     ------
     ValueError
-        If there are none.
+        If there are none, or they are no numbers.
     """
     array = _row("values", values)
     return float(np.sqrt(np.mean(array * array)))
@@ -142,7 +158,7 @@ def settling_time(t: ArrayLike, envelope: ArrayLike, left: float, band: float = 
 
 def _check_amplitudes(uncontrolled: float, controlled: float) -> None:
     for name, value in (("uncontrolled", uncontrolled), ("controlled", controlled)):
-        if not isinstance(value, float):
+        if value != math.inf:  # a motion that grows for ever has that amplitude
             finite(f"{name} amplitude", value, "m")
         if value < 0.0:
             raise ValueError(
@@ -160,7 +176,7 @@ def _record(t: ArrayLike, name: str, values: ArrayLike) -> tuple[Array, Array]:
 
 
 def _row(name: str, values: ArrayLike) -> Array:
-    array = np.asarray(values, dtype=np.float64)
+    array = numbers(name, values)
     if array.ndim != 1 or not array.size:
         raise ValueError(
             f"{name} must be a row of numbers, got shape {array.shape}; give at least one"

@@ -15,6 +15,7 @@ from qcar_env.evaluation.statistics import (
     improvement_interval,
     mean,
 )
+from qcar_env.validation import whole
 
 ALIKE = 0.01  # [-] relative difference of rho that no driver would feel
 
@@ -63,7 +64,13 @@ def standings(
     seed : int
         Seed of the bootstrap; every standing draws from its own generator, so that an added
         policy changes no other's interval.
+
+    Raises
+    ------
+    ValueError
+        If the seed is no whole number of at least 0.
     """
+    whole("seed", seed, least=0)
     groups: dict[tuple[str, float], dict[str, list[Row]]] = {}
     for row in rows:
         groups.setdefault((row.track, row.force_scale), {}).setdefault(row.policy, []).append(row)

@@ -132,6 +132,7 @@ class Track:
             self,
             version=whole("version", self.version),
             episodes=whole("episodes", self.episodes),
+            seed=whole("seed", self.seed, least=0),
             periods=None if self.periods is None else whole("periods", self.periods),
             duration=positive("duration", self.duration, "s"),
             observe=known("observe", self.observe, task.OBSERVE),

@@ -7,6 +7,7 @@ against, and the model that LQR, MPC and the optimum use.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,6 +33,7 @@ RATES = ("x1'", "x2'", "x1''", "x2''")
 PROBES = np.random.default_rng(0).uniform(-1.0, 1.0, (len(INPUTS), 4)) * [1e-3, 1e-2, 1e-1, 1.0]
 ROUNDING = 1e-12  # of the terms of a sum, a few thousand roundings [-]
 TINY = 1e-300  # below which numbers lose digits
+MOST_TURNED = 1e9  # [rad] in one exact map: its phase is known to 1e-7 then
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,12 +188,31 @@ def held_transition(car: Car, dt: float) -> tuple[Array, Array]:
     Ad : ndarray (4, 4)
     Bd : ndarray (4, 2)
         ``x(t + dt) = Ad x(t) + Bd u``.
+
+    Raises
+    ------
+    ValueError
+        If `dt` is not positive, or so long that the map is lost in rounding or overflows.
     """
     m = np.zeros((6, 6))
     plant = matrices(car)
     m[:4] = np.hstack([plant.A, plant.B])
-    exact = expm(m * positive("dt", dt, "s"))
+    exact = _exponential(m, dt)
     return exact[:4, :4], exact[:4, 4:]
+
+
+def _exponential(m: Array, dt: float) -> Array:
+    """Return the exponential of `m` times `dt`, where float64 can hold it."""
+    fastest = np.max(np.abs([*np.linalg.eigvals(m[:4, :4]), *m[4:].flat]))  # rates [rad/s]
+    short = positive("dt", dt, "s") * fastest <= MOST_TURNED
+    with np.errstate(over="ignore", invalid="ignore"):  # a car that gains energy grows for ever
+        exact = expm(m * dt) if short else np.array(math.nan)
+    if not np.isfinite(exact).all():
+        raise ValueError(
+            f"dt must be so short that float64 holds the exact map, got {dt:g} s at rates of up "
+            f"to {fastest:.3g} rad/s; give an interval of seconds"
+        )
+    return exact
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,19 +247,23 @@ def exact_transition(car: Car, road: Excitation, force: ExternalForce, dt: float
     Raises
     ------
     ValueError
-        If `dt` is not positive.
+        If `dt` is not positive, or so long that the map is lost in rounding or overflows.
     """
     m = np.zeros((10, 10))
     plant = matrices(car)
     m[:4, :4], m[:4, 4:6] = plant.A, plant.B
-    m[:4, 6] = plant.R[:, 0] * road.h  # y = h s
-    m[:4, 7] = plant.R[:, 1] * road.h * road.omega  # y' = h omega c
-    m[:4, 9] = plant.R[:, 2] * force.f  # F = f C
+    m[:4, 6] = plant.R[:, 0]  # y = h s
+    m[:4, 7] = plant.R[:, 1] * road.omega  # y' = h omega c
+    m[:4, 9] = plant.R[:, 2]  # F = f C
     m[6, 7], m[7, 6] = road.omega, -road.omega
     m[8, 9], m[9, 8] = force.Omega, -force.Omega
-    exact = expm(m * positive("dt", dt, "s"))
+    exact = _exponential(m, dt)
     return Transition(
-        A=exact[:4, :4], B=exact[:4, 4:6], road=exact[:4, 6:8], force=exact[:4, 8:10], dt=dt
+        A=exact[:4, :4],
+        B=exact[:4, 4:6],
+        road=exact[:4, 6:8] * road.h,
+        force=exact[:4, 8:10] * force.f,
+        dt=dt,
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -26,6 +27,8 @@ from qcar_env.scenarios.reference import Reference, Scales, reference
 from qcar_env.validation import instance, known, positive, shown, store, whole
 
 MOST_INTERVALS = 2**53  # of an episode: what a float counts one by one
+FORCING = ("road.", "force.", "actuator.limit.", "car.mu")  # numbers that move the car
+LARGEST = 1e50  # size of one of these: squares of products of two stay finite
 MOST_SUBSTEPS = 1_000_000  # of a control interval, chosen here: 5 ns each at 200 Hz
 
 
@@ -136,6 +139,12 @@ class Scenario:
                 "make the car with QuarterCar"
             )
         index = tree.paths(self.numbers)
+        for path, value in zip(index, tree.flat(self.numbers), strict=True):
+            if path.startswith(FORCING) and LARGEST < abs(value) < math.inf:
+                raise ValueError(
+                    f"{path} must be at most {LARGEST:g} in size, got {value:g}; the motion would "
+                    "overflow. Give a smaller number"
+                )
         for each in varied:
             for path in each.numbers:
                 known("number of the scenario", path, index)

@@ -102,6 +102,14 @@ def test_options_that_fit_no_car_are_refused_before_one_begins(options, message)
     assert np.array_equal(env.vector.states, states)
 
 
+@pytest.mark.parametrize("seed", [np.ones((2, 2)), b"abc", "1", -1, 0.5])
+def test_a_seed_that_is_no_whole_number_is_refused(seed):
+    env = QuarterCarHumpVecEnv(2)
+    with pytest.raises(ValueError, match="seed must be"):
+        env.seed(seed)
+    assert env.seed(3) == [3, 4]
+
+
 def test_an_index_out_of_range_changes_no_car():
     env = QuarterCarHumpVecEnv(3)
     for indices in ([0, 7], [0, 1.5], 7):

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import math
 import subprocess
 import sys
 import warnings
@@ -162,6 +163,38 @@ def test_the_wheels_velocity_is_not_clipped_in_an_uncontrolled_crossing(L, V):
         largest = np.maximum(largest, np.abs(observation))
     assert np.all(largest <= 1.0 + 1e-6)  # each signal over its own largest value
     assert np.all(largest > 0.1)
+
+
+# Numbers beyond float64 --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", ["road.wavenumber", "speed"])
+def test_a_road_without_a_period_is_refused_where_reset_never_returned(number):
+    base = scenario("paper")
+    with pytest.raises(ValueError, match="period of the road must be finite, got inf s"):
+        base.replaced({number: 5e-324})
+
+
+@pytest.mark.parametrize("number", ["force.f", "road.h", "actuator.limit.0", "car.mu1"])
+def test_numbers_whose_motion_overflows_are_refused(number):
+    """An observation was not in its space, and a reward was minus infinity."""
+    base = scenario("paper")
+    with pytest.raises(ValueError, match=f"{number} must be at most 1e.50 in size, got 1e.300"):
+        base.replaced({number: 1e300})
+
+
+@pytest.mark.parametrize("number", ["force.f", "road.h", "actuator.limit.0"])
+@pytest.mark.parametrize("observe", ["full", "feedback"])
+def test_the_largest_numbers_stay_in_the_observations_space(number, observe):
+    env = QuarterCarHumpEnv(scenario("paper").replaced({number: 1e50}), observe=observe)
+    observation, _ = env.reset(seed=0)
+    for _ in range(3):
+        assert env.observation_space.contains(observation)
+        observation, reward, terminated, *_ = env.step(np.ones(2, np.float32))
+        assert math.isfinite(reward)
+        if terminated:
+            break
+    assert env.observation_space.contains(observation)
 
 
 # Actions -----------------------------------------------------------------------------------------

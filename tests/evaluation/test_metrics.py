@@ -68,11 +68,51 @@ def test_an_amplitude_is_not_negative(measure):
         (lambda: metrics.settling_time([0.0], [1.0], 1.0, 0.0), "band must be positive, got 0"),
         (lambda: metrics.settling_time([1.0, 0.0], [1.0, 1.0], 0.0), "t must rise, got times"),
         (lambda: metrics.settling_time([0.0], [1.0], math.nan), "what is left must be finite"),
+        (lambda: metrics.rms(np.ma.array([1.0, 2.0], mask=[0, 1])), "values must be numbers"),
+        (lambda: metrics.rms(["1"]), r"values must be numbers, got \['1'\]; give a list"),
+        (
+            lambda: metrics.settling_time(np.ma.array([0.0, 1.0], mask=[0, 1]), [1.0, 1.0], 1.0),
+            "t must be numbers",
+        ),
     ],
 )
 def test_a_record_must_have_samples(measure, message):
     with pytest.raises(ValueError, match=message):
         measure()
+
+
+@pytest.mark.parametrize("measure", [metrics.reduction_db, metrics.percentage_error])
+@pytest.mark.parametrize("pair", [(math.nan, 1.0), (1.0, math.nan), (np.float64("nan"), 1.0)])
+def test_an_amplitude_that_is_no_number_is_refused(measure, pair):
+    with pytest.raises(ValueError, match="controlled amplitude must be finite, got nan m"):
+        measure(*pair)
+
+
+@pytest.mark.parametrize(
+    ("amplitudes", "free", "message"),
+    [
+        ((math.nan, 1.0), (1.0, 1.0), "amplitudes must be two, of at least 0 m, with and without"),
+        ((-1.0, 1.0), (1.0, 1.0), "amplitudes must be two, of at least 0 m, with and without"),
+        ((1.0, 1.0, 1.0), (1.0, 1.0), "amplitudes must be two, of at least 0 m, with and without"),
+        ((1.0, 1.0), (0.0, 1.0), "uncontrolled amplitudes must be positive and finite, got"),
+        ((1.0, 1.0), (1.0, math.inf), "uncontrolled amplitudes must be positive and finite, got"),
+        (("1", "2"), (1.0, 1.0), r"amplitudes must be numbers, got \('1', '2'\)"),
+        ((1.0, 1.0), (1.0, 1.0j), "uncontrolled amplitudes must be numbers"),
+    ],
+)
+def test_a_share_of_nothing_or_of_no_number_is_refused(amplitudes, free, message):
+    with pytest.raises(ValueError, match=message):
+        metrics.rho(amplitudes, free)
+
+
+@given(a=st.floats(0.0, 10.0), b=st.floats(0.0, 10.0), factor=st.floats(0.1, 10.0))
+def test_rho_is_the_larger_share_and_has_no_unit(a, b, factor):
+    found = metrics.rho((a, b), (2.0, 4.0))
+    assert found == max(a / 2.0, b / 4.0)
+    assert metrics.rho((factor * a, factor * b), (2.0 * factor, 4.0 * factor)) == pytest.approx(
+        found, rel=1e-14
+    )
+    assert metrics.rho((math.inf, b), (2.0, 4.0)) == math.inf
 
 
 @pytest.mark.parametrize("end", [math.nan, math.inf, -math.inf])

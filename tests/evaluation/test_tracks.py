@@ -6,6 +6,7 @@ import pytest
 from baselines import catalogue
 from qcar_env.evaluation import tracks
 from qcar_env.evaluation.score import score
+from qcar_env.evaluation.standings import standings
 from qcar_env.evaluation.tracks import TRACKS, Track, episodes, track
 from qcar_env.parts.spring import CubicSpring
 from qcar_env.scenarios import Uniform, Vary, scenario
@@ -173,11 +174,20 @@ def test_the_first_crossing_of_a_fixed_scenario_starts_from_rest():
         ({"force_scales": (1.0, 0.0)}, "force scale must be positive, got 0"),
         ({"episodes": 0}, "episodes must be at least 1, got 0"),
         ({"duration": -1.0}, "duration must be positive, got -1 s"),
+        ({"seed": np.ones((2, 2))}, "seed must be a whole number, got array"),
+        ({"seed": b"abc"}, "seed must be a whole number, got b'abc'; give 0 or more"),
+        ({"seed": -1}, "seed must be at least 0, got -1"),
     ],
 )
 def test_a_track_of_nothing_is_refused(change, message):
     with pytest.raises(ValueError, match=message):
         dataclasses.replace(track("paper"), **change)
+
+
+@pytest.mark.parametrize("seed", [np.ones((2, 2)), b"abc", "1", -1, 0.5, None])
+def test_a_seed_of_standings_is_a_whole_number(seed):
+    with pytest.raises(ValueError, match="seed must be"):
+        standings([], {}, seed=seed)
 
 
 def test_a_track_keeps_plain_numbers():

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings, strategies as st
+from hypothesis import assume, example, given, settings, strategies as st
 
 from qcar_env.analysis.simulate import simulate
 from qcar_env.control.law import Law
@@ -99,6 +99,9 @@ def test_a_kink_does_not_lower_the_order(crossings, errors, profile):
     omega=st.floats(40.0, 400.0),
     gap=st.floats(0.0, 2.0),
 )
+@example(x=REST, start=0.1, omega=400.0, gap=0.0)  # the first kink ends the interval
+@example(x=REST, start=math.nextafter(0.1, 0.0), omega=400.0, gap=0.0)
+@example(x=REST, start=0.1 - math.pi / 400.0, omega=400.0, gap=0.0)
 def test_an_interval_may_hold_many_kinks(x, start, omega, gap):
     """However the kinks lie, an interval of 0.1 s ends where the exact pieces end."""
     road = roads.train(h=0.1, omega=omega, start=start, count=4, gap=gap)

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from qcar_env.validation import shown
+from qcar_env.validation import finite_array, shown
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class RouthHurwitz:
     @property
     def holds(self) -> NDArray[np.bool_]:
         """Which condition holds, (4, n)."""
-        return self.values > 0.0
+        return self.margins > 0.0
 
     @property
     def stable(self) -> NDArray[np.bool_]:
@@ -65,11 +65,12 @@ def characteristic_polynomial(matrices: Array) -> Array:
     Raises
     ------
     ValueError
-        If the matrices have another shape.
+        If the matrices have another shape, or an entry is not finite.
     """
-    if np.shape(matrices)[1:] != (4, 4):
+    matrices = finite_array("matrices", matrices, "1/s")
+    if matrices.shape[1:] != (4, 4):
         raise ValueError(
-            f"matrices must have shape (n, 4, 4), got {shown(np.shape(matrices))}; "
+            f"matrices must have shape (n, 4, 4), got {shown(matrices.shape)}; "
             "give one or more of them"
         )
     identity = np.eye(4)
@@ -83,12 +84,19 @@ def characteristic_polynomial(matrices: Array) -> Array:
 
 
 def routh_hurwitz(matrices: Array) -> RouthHurwitz:
-    """Evaluate the conditions (40) for matrices (n, 4, 4)."""
-    g1, g2, g3, g4 = gammas = characteristic_polynomial(matrices)
+    """Evaluate the conditions (40) for matrices (n, 4, 4) of finite entries.
+
+    Rates are measured in each matrix's own unit of time, so that the verdict does not hang on it.
+    """
+    matrices = finite_array("matrices", matrices, "1/s")
+    largest = np.max(np.abs(matrices), axis=(1, 2), initial=0.0) if matrices.ndim == 3 else 0.0
+    rate = np.exp2(np.frexp(largest)[1] - 1.0)  # [1/s] exact: only exponents change
+    scaled = matrices / np.reshape(np.where(largest > 0.0, rate, 1.0), (-1, 1, 1))
+    g1, g2, g3, g4 = gammas = characteristic_polynomial(scaled)
     inner = g1 * g2 - g3
     values = np.array([g1, inner, g3 * inner - g1 * g1 * g4, g4])  # (40)
     # the size of each condition's terms, from the magnitudes of the eigenvalues
-    size = np.array([_sums_of_products(np.abs(np.linalg.eigvals(m))) for m in matrices]).T
+    size = np.array([_sums_of_products(np.abs(np.linalg.eigvals(m))) for m in scaled]).T
     scale = np.array(
         [
             size[0],
@@ -98,6 +106,11 @@ def routh_hurwitz(matrices: Array) -> RouthHurwitz:
         ]
     )
     margins = np.clip(values / np.maximum(scale, 1e-300), -1.0, 1.0)  # but for rounding within
+    with np.errstate(over="ignore", under="ignore"):  # in 1/s^6 what is small or large is so
+        gammas, values = (
+            each * rate ** np.array(powers)[:, None]
+            for each, powers in ((gammas, (1, 2, 3, 4)), (values, (1, 3, 6, 4)))
+        )
     return RouthHurwitz(gammas=gammas, values=values, margins=margins)
 
 

@@ -61,6 +61,33 @@ def test_routh_hurwitz_says_what_the_eigenvalues_say(matrix, shift):
     assert np.all(np.abs(conditions.margins) <= 1.0 + 1e-9)
 
 
+@given(matrix=matrices, power=st.integers(-1000, 1000))
+def test_the_verdict_of_routh_and_hurwitz_does_not_hang_on_the_unit_of_time(matrix, power):
+    """A power of two changes no digit, so that every margin is the same to the last bit."""
+    matrix[np.abs(matrix) < 1e-3] = 0.0  # what falls below float64 does lose digits
+    found, scaled = routh_hurwitz(matrix), routh_hurwitz(matrix * 2.0**power)
+    np.testing.assert_array_equal(scaled.margins, found.margins)
+    np.testing.assert_array_equal(scaled.holds, found.holds)
+    with np.errstate(over="ignore", under="ignore"):
+        expected = found.values * np.exp2(np.array([1.0, 3.0, 6.0, 4.0]) * power)[:, None]
+    np.testing.assert_array_equal(scaled.values, expected)
+
+
+@pytest.mark.parametrize("size", [1e-310, 1e-160, 1e-80, 1e80, 1e160, 1e300])
+def test_a_quartic_near_zero_or_infinity_has_margins_and_a_verdict(size):
+    """Roots -1 + 2i, -1 - 2i, -3 + i, -3 - i, times `size`: all conditions hold."""
+    blocks = [[-1, 2, 0, 0], [-2, -1, 0, 0], [0, 0, -3, 1], [0, 0, -1, -3]]
+    found = routh_hurwitz(np.array([blocks]) * size)
+    assert found.stable.all()
+    assert np.all((found.margins > 0.0) & (found.margins <= 1.0))
+
+
+def test_a_matrix_of_zeros_has_no_margin_and_one_that_is_not_finite_is_refused():
+    assert routh_hurwitz(np.zeros((1, 4, 4))).margins.tolist() == [[0.0]] * 4
+    with pytest.raises(ValueError, match=r"matrices must be finite \[1/s\]"):
+        routh_hurwitz(np.full((1, 4, 4), np.nan))
+
+
 @pytest.mark.parametrize(
     ("roots", "failing"),
     [
