@@ -839,6 +839,20 @@ def test_episodes_end_in_time_beyond_what_single_precision_counts(precision):
     assert env.step(still)[3].tolist() == [True, False]
 
 
+def test_the_road_goes_on_beyond_what_single_precision_counts():
+    """Phasors in single precision are made anew from the clock every 64 intervals."""
+    before = 2**24 - 64
+    env = QuarterCarHumpVectorEnv(1, max_episode_steps=2**25, precision="single")
+    env.reset(seed=0, options={"state": np.zeros(4), "phase": 0.0})
+    env.stagger(np.array([before]))
+    still = np.zeros((1, 2), np.float32)
+    seen = np.array([env.step(still)[0][0, 4:6] for _ in range(256)])
+    angle = SCENARIOS["paper"].excitation.omega * env.dt * (before + 1 + np.arange(256))
+    # 64 intervals of 4 turns, each rounded to 6e-8
+    np.testing.assert_allclose(seen[:, 0], np.sin(angle), rtol=0.0, atol=64 * 4 * 6e-8)
+    np.testing.assert_allclose(seen[:, 1], np.cos(angle), rtol=0.0, atol=64 * 4 * 6e-8)
+
+
 @pytest.mark.parametrize("k", [7, 10, 12])
 def test_a_kink_that_rounding_moves_past_an_instant_is_read_as_by_a_single_environment(k):
     preset = SCENARIOS["paper-hump"]
