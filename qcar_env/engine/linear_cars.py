@@ -6,14 +6,10 @@ with other numbers; cars that are alike share one.
 
 from __future__ import annotations
 
-import warnings
 from typing import Any, Protocol
 
 from qcar_env.engine.cars import Cars
-from qcar_env.engine.starts import CHOICE
 from qcar_env.engine.storage import Plan
-
-QUANTILES = (0.25, 0.5, 0.75)  # at which drawn numbers are looked at
 
 
 class LinearPlan(Plan, Protocol):
@@ -55,26 +51,13 @@ def check_linear(scenario: Any) -> None:
     """
     if not scenario.excitation.turning:
         raise _refusal("road", "made of sines", scenario.road)
-    for each in (scenario, *_drawn(scenario)):
+    varied = {path.partition(".")[0] for each in scenario.randomisation for path in each.numbers}
+    drawn = scenario.extremes() if varied & {"car", "actuator"} else ()
+    for each in (scenario, *drawn):
         for name in ("car", "actuator"):
             part = getattr(each, name)
             if not part.linear:
                 raise _refusal(name, "linear", part)
-
-
-def _drawn(scenario: Any) -> list[Any]:
-    """Return what the scenario can become: quantiles of its distributions, and every choice."""
-    varied = scenario.randomisation
-    if not any(path.startswith(("car", "actuator")) for each in varied for path in each.numbers):
-        return []
-    looked_at = set(QUANTILES)
-    for each in varied:
-        kind, count, *_ = each.by.row
-        if kind == CHOICE:
-            looked_at.update((i + 0.5) / count for i in range(int(count)))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of Runge-Kutta steps, which are not taken
-        return [scenario.drawn([u] * len(varied)) for u in sorted(looked_at)]
 
 
 def _refusal(name: str, what: str, part: Any) -> ValueError:

@@ -22,6 +22,7 @@ START_RANGE = (0.01, 1.5)  # [-] of start amplitudes over the uncontrolled ones,
 LOG_START = math.log(START_RANGE[0])
 LOG_RANGE = math.log(START_RANGE[1]) - math.log(START_RANGE[0])
 CIRCLE = 2.0 * math.pi  # [rad]
+FARTHEST = 4.0  # [standard deviations] of a normal number: 6e-5 of all lie beyond, and end there
 
 OBSERVATION_LIMIT = 10.0  # [-] bound of every entry; travel ends an episode long before
 
@@ -118,14 +119,14 @@ def drawn(u: Any, how: Any) -> Any:
         Uniform number.
     how : ndarray (k,)
         ``(UNIFORM, low, high)``, ``(LOG_UNIFORM, log low, log high)``, ``(NORMAL, mean, standard
-        deviation)`` or ``(CHOICE, count, values...)``.
+        deviation)`` or ``(CHOICE, count, values...)``. What is normal ends at `FARTHEST`.
     """
     if how[0] == UNIFORM:
         return how[1] + (how[2] - how[1]) * u
     if how[0] == LOG_UNIFORM:
         return math.exp(how[1] + (how[2] - how[1]) * u)
     if how[0] == NORMAL:
-        return how[1] + how[2] * standard(u)
+        return how[1] + how[2] * min(max(standard(u), -FARTHEST), FARTHEST)
     return how[2 + min(int(u * how[1]), int(how[1]) - 1)]
 
 

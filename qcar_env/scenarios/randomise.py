@@ -28,6 +28,11 @@ class Distribution(Part):
         """Return what it makes of `u` from [0, 1)."""
         return float(drawn(u, self.row))
 
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """The least and the largest value that is drawn; all values of a choice."""
+        return self.value(0.0), self.value(math.nextafter(1.0, 0.0))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Uniform(Distribution):
@@ -67,7 +72,7 @@ class LogUniform(Distribution):
 
 @dataclass(frozen=True, kw_only=True)
 class Normal(Distribution):
-    """The bell curve about `mean` with standard deviation `sd`."""
+    """The bell curve about `mean` with standard deviation `sd`, held within four of these."""
 
     mean: float = number("mean", "-", finite)
     sd: float = number("standard deviation", "-", non_negative)
@@ -95,6 +100,11 @@ class Choice(Distribution):
     def row(self) -> list[float]:
         """See `Distribution.row`."""
         return [CHOICE, len(self.values), *self.values]
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """See `Distribution.ends`."""
+        return self.values
 
 
 def _check_rising(low: float, high: float) -> None:

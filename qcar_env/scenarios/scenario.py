@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from qcar_env.engine.starts import Force, Numbers, vary
 from qcar_env.parts.actuator import Actuator
@@ -22,13 +23,14 @@ from qcar_env.physics.linear import jacobian
 from qcar_env.physics.rk4 import ACCURACY_LIMIT, STABILITY_LIMIT
 from qcar_env.roads.excitation import Excitation
 from qcar_env.roads.profile import Road
-from qcar_env.scenarios.randomise import Vary, arrays
+from qcar_env.scenarios.randomise import Choice, Vary, arrays
 from qcar_env.scenarios.reference import Reference, Scales, reference
 from qcar_env.validation import instance, known, positive, shown, store, whole
 
 MOST_INTERVALS = 2**53  # of an episode: what a float counts one by one
 FORCING = ("road.", "force.", "actuator.limit.", "car.mu")  # numbers that move the car
 LARGEST = 1e50  # size of one of these: squares of products of two stay finite
+MOST_CORNERS = 64  # of what is drawn that are tried, chosen here: some 50 ms
 MOST_SUBSTEPS = 1_000_000  # of a control interval, chosen here: 5 ns each at 200 Hz
 
 
@@ -153,6 +155,8 @@ class Scenario:
                         f"{path} must be the same in all episodes, as it says how much is "
                         "remembered; make a scenario for each"
                     )
+        for _ in self.extremes():  # each is checked as it is made
+            pass
         self.intervals("delay of the actuator", self.actuator.delay)
         for each in self.sensors:
             self.intervals(f"delay of the sensor of {each.signal}", each.delay)
@@ -226,11 +230,46 @@ class Scenario:
             If there is no such number; the message gives the nearest one.
         """
         index = tree.paths(self.numbers)
-        found = self
-        for path, value in numbers.items():
-            known("number of the scenario", path, index)
-            found = _replaced(found, path.split("."), value)
-        return found
+        return _replaced(
+            self, {known("number of the scenario", each, index): numbers[each] for each in numbers}
+        )
+
+    def extremes(self) -> Iterator[Scenario]:
+        """Yield the episodes at the ends of what is drawn.
+
+        They are all combinations of ends where there are at most `MOST_CORNERS` of them, and
+        otherwise each number alone and all together.
+
+        Raises
+        ------
+        ValueError
+            If one of them is no scenario; the message says with which numbers.
+        """
+        ends = [each.by.ends for each in self.randomisation]
+        if math.prod(map(len, ends)) <= MOST_CORNERS:
+            corners = [tuple(enumerate(each)) for each in itertools.product(*ends) if each]
+        else:
+            corners = [((which, end),) for which, row in enumerate(ends) for end in row]
+            corners += [tuple(enumerate(pick(row) for row in ends)) for pick in (min, max)]
+        for values in corners:
+            varied = tuple(
+                dataclasses.replace(self.randomisation[which], by=Choice(values=(end,)))
+                for which, end in values
+            )
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # the nominal scenario has been warned of
+                    found = self._changed(varied, np.zeros(len(varied)))
+            except ValueError as error:
+                given = ", ".join(
+                    f"{', '.join(self.randomisation[which].numbers)} by {end:g}"
+                    for which, end in values
+                )
+                raise ValueError(
+                    f"every drawn number must make a scenario, but not {given}: {error}; narrow "
+                    "the distribution"
+                ) from None
+            yield found
 
     def drawn(self, uniforms: ArrayLike) -> Scenario:
         """Return the scenario of one episode, which no longer varies.
@@ -242,13 +281,17 @@ class Scenario:
         """
         if not self.randomisation:
             return self
+        return self._changed(self.randomisation, np.asarray(uniforms, dtype=np.float64))
+
+    def _changed(self, varied: tuple[Vary, ...], uniforms: NDArray[np.float64]) -> Scenario:
+        """Return the scenario with numbers changed by what is drawn, and nothing left to draw."""
         index = tree.paths(self.numbers)
-        draws, targets = arrays(self.randomisation, index)
+        draws, targets = arrays(varied, index)
         row = np.array(tree.flat(self.numbers))
-        vary(row, np.asarray(uniforms, dtype=np.float64), draws, targets)
-        changed = {path for each in self.randomisation for path in each.numbers}
-        fixed = dataclasses.replace(self, randomisation=())
-        return fixed.replaced({path: float(row[index[path]]) for path in changed})
+        vary(row, uniforms, draws, targets)
+        changed = {path for each in varied for path in each.numbers}
+        numbers = {path: float(row[index[path]]) for path in changed}
+        return _replaced(self, numbers, randomisation=())
 
 
 def _checked_sensors(given: Any) -> tuple[Sensor, ...]:
@@ -263,21 +306,30 @@ def _checked_sensors(given: Any) -> tuple[Sensor, ...]:
     return sensors
 
 
-def _replaced(part: Any, path: list[str], value: float) -> Any:
-    """Return `part`, a record, with one number replaced."""
-    name, rest = path[0], path[1:]
+def _replaced(part: Any, numbers: Mapping[str, float], **fields: Any) -> Any:
+    """Return `part`, a record, a tuple or a number, with numbers replaced by their dotted paths.
+
+    Other fields of a record are replaced by name.
+    """
+    if "" in numbers:
+        return numbers[""]
+    inner: dict[str, dict[str, float]] = {}
+    for path, value in numbers.items():
+        name, _, rest = path.partition(".")
+        inner.setdefault(name, {})[rest] = value
     if isinstance(part, tuple):
-        changed = list(part)  # pyright: ignore[reportUnknownArgumentType]
-        changed[int(name)] = _replaced(changed[int(name)], rest, value) if rest else value
-        return tuple(changed)
-    if name not in {each.name for each in dataclasses.fields(part)}:
-        raise ValueError(
-            f"{name} of {type(part).__name__} is made from its other numbers and cannot be set; "
-            "make the part anew"
+        each: list[Any] = list(part)  # pyright: ignore[reportUnknownArgumentType]
+        return tuple(
+            _replaced(x, inner[str(i)]) if str(i) in inner else x for i, x in enumerate(each)
         )
-    return dataclasses.replace(
-        part, **{name: _replaced(getattr(part, name), rest, value) if rest else value}
-    )
+    for name in inner:
+        if name not in {each.name for each in dataclasses.fields(part)}:
+            raise ValueError(
+                f"{name} of {type(part).__name__} is made from its other numbers and cannot be "
+                "set; make the part anew"
+            )
+    changes = {name: _replaced(getattr(part, name), given) for name, given in inner.items()}
+    return dataclasses.replace(part, **changes, **fields)
 
 
 def check_step(scenario: Scenario) -> None:

@@ -11,6 +11,7 @@ from scipy import stats
 from qcar_env import SCENARIOS, scenario
 from qcar_env.engine.sensing import hashed
 from qcar_env.physics.car import PaperCar
+from qcar_env.physics.tree import flat
 from qcar_env.scenarios import Choice, LogUniform, Normal, Uniform, Vary
 from qcar_env.scenarios.randomise import body_mass_of_paper_car, wheel_mass_of_paper_car
 
@@ -30,9 +31,8 @@ share = st.floats(0.0, 1.0, exclude_max=True)
     ids=["uniform", "log-uniform", "normal"],
 )
 def test_values_are_scipys_quantiles(mine, scipys, u):
-    if isinstance(mine, Normal) and u < 1e-300:
-        return  # the quantile of 0 is minus infinity; a draw of 0 counts as 1e-300
-    assert mine.value(u) == pytest.approx(scipys.ppf(u), rel=1e-13, abs=1e-13)
+    low, high = mine.ends  # of a normal number four standard deviations away, not at infinity
+    assert mine.value(u) == pytest.approx(min(max(scipys.ppf(u), low), high), rel=1e-13, abs=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -40,6 +40,60 @@ def test_values_are_scipys_quantiles(mine, scipys, u):
 )
 def test_values_are_finite_at_both_ends(mine):
     assert all(math.isfinite(mine.value(u)) for u in (0.0, 5e-324, 1.0 - 2**-53))
+
+
+@given(u=share)
+@pytest.mark.parametrize(
+    "mine",
+    [
+        Uniform(low=1.0, high=2.0),
+        LogUniform(low=1.0, high=9.0),
+        Normal(mean=5.0, sd=2.0),
+        Choice(values=(3.0, 1.0, 4.0)),
+    ],
+)
+def test_no_value_lies_beyond_the_ends(mine, u):
+    assert min(mine.ends) <= mine.value(u) <= max(mine.ends)
+
+
+def test_the_ends_are_what_the_distribution_says():
+    assert Uniform(low=1.0, high=2.0).ends == pytest.approx((1.0, 2.0))
+    assert LogUniform(low=1.0, high=9.0).ends == pytest.approx((1.0, 9.0))
+    assert Normal(mean=5.0, sd=2.0).ends == (-3.0, 13.0)
+    assert Choice(values=(3.0, 1.0, 4.0)).ends == (3.0, 1.0, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("varied", "message"),
+    [
+        (Vary(by=Normal(mean=1.0, sd=0.3), numbers=("car.m2",)), "car.m2 by -0.2: .*m2 must be"),
+        (Vary(by=Choice(values=(1.0, -1.0)), numbers=("car.m1",)), "car.m1 by -1: .*m1 must be"),
+        (Vary(by=Uniform(low=-1.0, high=1.0), numbers={"speed": 0.0}), "speed by -1: speed V? ?m"),
+        (Vary(by=Uniform(low=1.0, high=1e9), numbers=("car.tyre.k",)), "tyre.k by 1e.09: integr"),
+        (
+            (
+                Vary(by=Uniform(low=1.0, high=100.0), numbers=("car.tyre.k",)),
+                Vary(by=Uniform(low=0.05, high=1.0), numbers=("car.m1",)),
+            ),
+            "tyre.k by 100, car.m1 by 0.05: integration step must be below",
+        ),
+    ],
+)
+def test_a_number_that_makes_no_car_is_refused_before_it_is_drawn(varied, message):
+    """A negative mass was driven without a word, in one episode of many."""
+    with pytest.raises(ValueError, match=f"^every drawn number must make a scenario, .*{message}"):
+        dataclasses.replace(HUMP, randomisation=varied)
+
+
+@pytest.mark.parametrize("preset", [each for each in SCENARIOS.values() if each.randomisation])
+@given(data=st.data())
+def test_what_is_drawn_lies_between_the_extremes(preset, data):
+    rows = np.array([flat(each.numbers) for each in preset.extremes()])
+    us = data.draw(st.lists(share, min_size=(n := len(preset.randomisation)), max_size=n))
+    row = np.array(flat(preset.drawn(us).numbers))
+    slack = 1e-12 * np.abs(row)
+    assert np.all(rows.min(axis=0) - slack <= row)
+    assert np.all(row <= rows.max(axis=0) + slack)
 
 
 @given(u=share)

@@ -24,6 +24,7 @@ from qcar_env.scenarios import scenario as find_scenario
 LENGTHS = (250, 500, 1000, 2000, 4000)  # [intervals] of closed loops
 PEAK_WIDTH = 512  # numbers that `multiply_add` works on, in the first-level cache
 PEAK_LENGTH = 16  # multiply-adds of each number in one pass, unrolled
+REPEATS = 10_000  # passes of a call, some milliseconds: one of a tenth spends 8 % on its array
 OPERATIONS = 138  # of an RK4 step of the plant, see `count_operations` in the tests
 
 
@@ -87,35 +88,43 @@ def rollouts() -> list[Candidate]:
     if many > 1:
         name = f"rollout, held, fused, {many} threads"
         found.append(_rollout(name, CNVC(), held=True, fused=True, threads=many))
-    # what a control interval would take if the processor did nothing but multiply and add
-    repeats = 10_000  # some milliseconds: a call of a tenth of one spends 8 % on its array
-    flops = 2 * PEAK_LENGTH * PEAK_WIDTH * repeats
-    steps = max(1, flops // (OPERATIONS * scenario.substeps))
-
-    def peak(calls: int) -> None:
-        for _ in range(calls):
-            multiply_add(repeats)
-
-    found.append(Candidate(name="multiply-add peak", run=peak, steps=steps))
+    found.append(peak("multiply-add peak", scenario.substeps))
     if many > 1:
         name = f"multiply-add peak, {many} threads"
-        found.append(shared_out(name, lambda _: multiply_add(repeats), many, steps=many * steps))
+        steps = many * found[-1].steps
+        found.append(shared_out(name, lambda _: multiply_add(REPEATS), many, steps=steps))
     return found
 
 
-def multiply_add(repeats: int) -> float:
+def peak(name: str, substeps: int, *, single: bool = False) -> Candidate:
+    """Return what a control interval takes if the processor does nothing but multiply and add.
+
+    The operations are those of the plant's Runge-Kutta steps alone: observation, reward, ends and
+    new episodes come on top, and what they take is not the peak's.
+    """
+    flops = 2 * PEAK_LENGTH * PEAK_WIDTH * REPEATS
+
+    def run(calls: int) -> None:
+        for _ in range(calls):
+            multiply_add(REPEATS, single=single)
+
+    return Candidate(name=name, run=run, steps=max(1, flops // (OPERATIONS * substeps)))
+
+
+def multiply_add(repeats: int, *, single: bool = False) -> float:
     """Multiply and add, and do nothing else: the yardstick of the other kernels.
 
     Each of the `repeats` passes has ``PEAK_WIDTH * PEAK_LENGTH`` fused multiply-adds in double
-    precision. Nobody needs the number that is returned; without it the work would be left out.
+    or single precision. Nobody needs the number that is returned; without it the work would be
+    left out.
     """
-    return _multiply_add(aligned((PEAK_WIDTH,)), repeats)
+    real = np.float32 if single else np.float64
+    return _multiply_add(aligned((PEAK_WIDTH,), real), real(0.999999), real(1e-6), repeats)
 
 
 @numba.njit(cache=True, nogil=True, boundscheck=False, fastmath={"contract"})
-def _multiply_add(x: Any, repeats: Any) -> Any:
+def _multiply_add(x: Any, a: Any, b: Any, repeats: Any) -> Any:
     widen()
-    a, b = 0.999999, 1e-6
     for _ in range(repeats):
         for j in range(PEAK_WIDTH):
             y = x[j]

@@ -19,6 +19,7 @@ from gymnasium.envs.classic_control.cartpole import CartPoleVectorEnv
 
 from qcar_env.engine.storage import CARS_A_THREAD
 from qcar_env.envs.vector import QuarterCarHumpVectorEnv
+from qcar_env.evaluation.throughput.closed_loops import peak
 from qcar_env.evaluation.throughput.timing import Candidate
 from qcar_env.scenarios import scenario
 
@@ -103,6 +104,11 @@ def batch(n: int, threads: int) -> list[Candidate]:
             for name, settings in OURS.items()
         ),
         of(f"CartPoleVectorEnv {n}", CartPoleVectorEnv(num_envs=n), rng.integers(0, 2, n)),
+        *(
+            peak(f"multiply-add peak{name} beside {n}", scenario("paper").substeps, single=single)
+            for name, single in (("", False), (", single", True))
+        ),
+        _copy(n),
     ]
     if threads > 1 and n >= 2 * CARS_A_THREAD:
         cars = QuarterCarHumpVectorEnv(n, threads=threads)
@@ -119,6 +125,18 @@ def batch(n: int, threads: int) -> list[Candidate]:
     if find_spec("gymnax") and 1 < n <= 16384:
         found.append(_gymnax(n, torque))
     return found
+
+
+def _copy(n: int) -> Candidate:
+    """Read and write as many bytes as the cars of a batch have, and do nothing else."""
+    source = np.ones(QuarterCarHumpVectorEnv(n).nbytes, np.uint8)
+    target = np.empty_like(source)
+
+    def run(calls: int) -> None:
+        for _ in range(calls):
+            np.copyto(target, source)
+
+    return Candidate(name=f"copy of {n} cars", run=run, steps=n)
 
 
 def _gymnax(n: int, torque: Any) -> Candidate:

@@ -104,6 +104,10 @@ def ratios(
         # what the machine gives: less than 2 where the other core is somebody else's too
         (f"multiply-add peak, {cores()} threads", "multiply-add peak", None),
     ]
+    for n in num_envs:  # shares of what the machine can do at most
+        for name in ("", ", single"):
+            wanted.append((f"batch {n}{name}", f"multiply-add peak{name} beside {n}", None))
+        wanted += [(f"batch {n}{name}", f"copy of {n} cars", None) for name in ("", ", exact")]
     rows: list[dict[str, Any]] = []
     for ours, theirs, limit in wanted:
         if ours in timings and theirs in timings:
