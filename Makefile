@@ -64,6 +64,13 @@ test: $(VENV)/.installed-test ## run all tests
 test-core: $(VENV)/.installed-core ## run what needs no torch, with any Python: VENV=.venv-3.13 PYTHON=...
 	OMP_NUM_THREADS=1 $(PY) -m pytest -n $(JOBS) --ignore tests/test_docs.py $(ARGS)
 
+.PHONY: test-lowest
+test-lowest: ## run all but the documentation's tests with the lowest versions of pyproject.toml
+	@mkdir -p build && grep -oE '"[a-z0-9-]+(\[[a-z,]+\])?>=[0-9.]+' pyproject.toml | grep -v '"torch' \
+		| sed -E 's/"([a-z0-9-]+)(\[[a-z,]+\])?>=/\1==/' | sort -u > build/lowest.txt
+	$(MAKE) .venv-lowest/.installed-lowest VENV=.venv-lowest CONSTRAINTS=build/lowest.txt
+	OMP_NUM_THREADS=1 .venv-lowest/bin/python -m pytest -n $(JOBS) --ignore tests/test_docs.py $(ARGS)
+
 test-learning: $(VENV)/.installed-test ## run the tests that train agents
 	$(PY) -m pytest -m learning $(ARGS)
 
@@ -85,13 +92,15 @@ extras_report := plots,run,mpc,report
 extras_watch := plots,run,mpc,render
 extras_train := plots,run,mpc,train,render,report
 extras_core := plots,run,mpc,render,report,test
+extras_lowest := plots,run,mpc,train,render,report,test
 extras_docs := plots,run,mpc,render,report,docs
 extras_test := plots,run,mpc,train,render,report,docs,test,dev
-stamps := $(addprefix $(VENV)/.installed-,compare report watch train core docs test)
+stamps := $(addprefix $(VENV)/.installed-,compare report watch train core lowest docs test)
 
 # .venv is ready if it was made here and completely, and its Python still runs.
 ready := $(shell [ ! -e $(VENV)/.unfinished ] && [ "$$(cat $(VENV)/.root 2>/dev/null)" = "$(CURDIR)" ] \
 	&& $(PY) -c '' 2>/dev/null && echo yes)
+CONSTRAINTS := constraints.txt
 torch = $(shell sed -n 's/^\(torch==[^ ;]*\).*/\1/p' constraints.txt)
 
 # torch goes first, so that what depends on it finds the tested version and brings no other.
@@ -99,7 +108,7 @@ torch = $(shell sed -n 's/^\(torch==[^ ;]*\).*/\1/p' constraints.txt)
 $(stamps): $(VENV)/.installed-%: pyproject.toml constraints.txt $(if $(ready),,new-venv)
 	@echo "Installing qcar_env[$(extras_$*)] into $(VENV): once, some minutes at most"
 	$(if $(findstring train,$(extras_$*)),$(PY) -m pip install -c constraints.txt "$(torch)")
-	$(PY) -m pip install -c constraints.txt -e ".[$(extras_$*)]"
+	$(PY) -m pip install -c $(CONSTRAINTS) -e ".[$(extras_$*)]"
 	@touch $(if $(filter test,$*),$(stamps),$@)
 
 # A .venv that somebody made by hand is used if it has pip, and otherwise left alone.

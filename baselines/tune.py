@@ -30,6 +30,7 @@ from scipy.optimize import differential_evolution
 from qcar_env.analysis.optimum import period_optimum
 from qcar_env.control import lqr
 from qcar_env.control.lqr import Weights
+from qcar_env.evaluation import storage
 from qcar_env.evaluation.entry import may_enter
 from qcar_env.evaluation.robustness import beside, loss_beside
 from qcar_env.evaluation.rollouts import rollouts
@@ -147,6 +148,11 @@ class Tuned:
     evaluations: int  # candidates tried
     seed: int
     command: str
+
+    @property
+    def key(self) -> tuple[str, str, float]:
+        """What they are the gains of: baseline, track and force limit."""
+        return self.baseline, self.track, self.force_scale
 
 
 def tune(
@@ -284,6 +290,14 @@ def load(path: Path = catalogue.STORE) -> tuple[Tuned, ...]:
             f"{path} holds no tuned gains ({type(error).__name__}: {error}); restore it, or give "
             "another file"
         ) from None
+
+
+def store(found: Tuned, path: Path = catalogue.STORE) -> None:
+    """Put gains into the file, beside what others have put there, in place of older ones."""
+    with storage.held(path, wait=60.0):
+        stored = {each.key: each for each in (*load(path), found)}
+        order = sorted(stored, key=lambda key: (key[1], -key[2], key[0]))
+        storage.write_json(path, [dataclasses.asdict(stored[key]) for key in order])
 
 
 @cache

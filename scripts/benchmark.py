@@ -63,7 +63,14 @@ def run(arguments: argparse.Namespace) -> int:
         report.check_installed()
     if arguments.seed is not None:
         whole("seed", arguments.seed, least=0)
-    storage.check_folder(out)
+    storage.check_folder(out, "leaderboard.md", "table.csv", "result.json", "report.html")
+    storage.check_folder(out / "figures")
+    with storage.held(out):
+        return _run(arguments)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    out: Path = arguments.out
     if (out / "result.json").exists() and not arguments.force:
         raise ValueError(f"{out} already holds results; give --force to replace them, or --out")
     outcome = benchmark.run(

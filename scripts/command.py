@@ -41,6 +41,9 @@ def main(
 ) -> Callable[[Sequence[str] | None], int]:
     """Return a command: it does its work, and returns 2 after a line on what is refused.
 
+    What a disk refuses and too little memory are told in a line too. Ctrl-C ends it with 130, after
+    the words of the ``KeyboardInterrupt``, if there are any.
+
     Parameters
     ----------
     name : str
@@ -58,10 +61,22 @@ def main(
         try:
             return work(arguments) or 0
         except (ValueError, *errors) as error:
-            print(f"{name}: {error}", file=sys.stderr)
-            return 2
+            return _refused(name, str(error))
+        except OSError as error:
+            where = "" if error.filename is None else f": {error.filename}"
+            return _refused(name, f"{error.strerror or error}{where}")
+        except MemoryError as error:
+            return _refused(name, f"not enough memory ({error}); ask for less")
+        except KeyboardInterrupt as interrupt:
+            print(f"\n{name}: interrupted. {interrupt}".rstrip(), file=sys.stderr)
+            return 130
 
     return run
+
+
+def _refused(name: str, why: str) -> int:
+    print(f"{name}: {why}", file=sys.stderr)
+    return 2
 
 
 def say(text: str) -> None:

@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> None:
     length = STEADY if endless else base.duration
     if arguments.duration is not None:
         length = positive("duration", arguments.duration, "s")
-    storage.check_folder(out)
+    storage.check_folder(out, "table.csv", "result.json", "time_histories.png", "report.html")
     gains = _gains(arguments.gains)
     entries = [catalogue.entry(name, **gains.get(name, {})) for name in dict.fromkeys(laws)]
     for name in gains:
@@ -82,7 +82,8 @@ def run(arguments: argparse.Namespace) -> None:
     found = comparison.compare(base, entries, duration=length, say=command.say)
     print(comparison.text(found))
     used = {each: {**catalogue.describe(each)["gains"], **gains.get(each, {})} for each in laws}
-    comparison.write(out, found, used)
+    with storage.held(out, wait=60.0):
+        comparison.write(out, found, used)
     print(f"written to {out}: table.csv, result.json")
     with journal():
         figure = time_history.comparison(found)
@@ -121,7 +122,7 @@ def _gains(given: Sequence[str]) -> dict[str, dict[str, float]]:
 
 
 # a RuntimeError: what MPC needs is absent
-main = command.main("compare", __doc__, OPTIONS, run, OSError, RuntimeError)
+main = command.main("compare", __doc__, OPTIONS, run, RuntimeError)
 
 if __name__ == "__main__":
     matplotlib.use("Agg")

@@ -88,7 +88,11 @@ def _table(preset: Scenario, out: Path) -> str:
 
 def _write_captions(captions: Mapping[str, str], out: Path) -> None:
     """Add the captions to those of earlier runs, in the order of the figures."""
-    path = out / "captions.md"
+    with storage.held(out, wait=60.0):
+        _merge_captions(captions, out / "captions.md")
+
+
+def _merge_captions(captions: Mapping[str, str], path: Path) -> None:
     kept: dict[str, str] = {}
     if path.exists():
         for part in path.read_text(encoding="utf-8").split("\n## ")[1:]:

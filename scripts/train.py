@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from agents.publish import check_unpublished, publish
 from agents.recipes import ALGORITHMS, TASKS, Recipe, recipe
 from agents.train import Progress, References, Result, check_new, resumed_recipe, train
-from qcar_env.evaluation.storage import check_folder, replacing
+from qcar_env.evaluation.storage import check_folder, held, replacing
 from qcar_env.plots.learning import progress as draw
 from qcar_env.validation import positive, whole
 from scripts import command
@@ -93,16 +93,21 @@ def _one(
             bar.update(progress.steps - bar.n)
             bar.set_postfix_str(describe(progress, beside))
 
-        result = train(
-            chosen,
-            seed,
-            folder,
-            resume=resume,
-            force=args.force,
-            target_db=args.target_db,
-            tensorboard=args.tensorboard,
-            report=report,
-        )
+        try:
+            with held(folder):
+                result = train(
+                    chosen,
+                    seed,
+                    folder,
+                    resume=resume,
+                    force=args.force,
+                    target_db=args.target_db,
+                    tensorboard=args.tensorboard,
+                    report=report,
+                )
+        except KeyboardInterrupt:
+            how = f"go on with: python scripts/train.py --resume {folder}"
+            raise KeyboardInterrupt(how if (folder / "checkpoint.pt").exists() else "") from None
     curves = {name: [getattr(each, name) for each in result.history] for name in ("x1", "x2")}
     figure = draw(curves, [each.wall for each in result.history])
     with replacing(result.folder / "learning_curve.png") as path:

@@ -7,7 +7,6 @@ python scripts/tune.py --track budget --force-scale 0.5 --baselines lnvc state -
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import sys
 import time
 
@@ -55,7 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
     ]
     for name in arguments.baselines:
         known("baseline to tune", name, tune.SEARCHES)
-    stored = {(each.baseline, each.track, each.force_scale): each for each in tune.load(out)}
+    stored = {each.key for each in tune.load(out)}
     todo = [job for job in jobs if arguments.force or job not in stored]
     if not todo:
         print(f"every one of these has gains in {out}; give --force to tune them again")
@@ -71,9 +70,7 @@ def run(arguments: argparse.Namespace) -> None:
             command=f"python scripts/tune.py --track {track_name} --force-scale {scale:g} "
             f"--baselines {name} --seed {seed} --population {population}",
         )
-        stored[(name, track_name, scale)] = found
-        order = sorted(stored, key=lambda key: (key[1], -key[2], key[0]))
-        storage.write_json(out, [dataclasses.asdict(stored[key]) for key in order])
+        tune.store(found, out)
         spent = time.monotonic() - begin
         print(
             f"[{count}/{len(todo)}] {track_name} x{scale:g} {name:16s} "

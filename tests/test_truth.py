@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_ivp, trapezoid
 
 from qcar_env.engine.driving import driving
 from qcar_env.parts.actuator import (
@@ -341,7 +341,7 @@ def test_moments_of_the_motion_over_a_hump_are_the_roads(controlled):
     y = np.where(speed * t < L, H * np.sin(np.pi * speed * t / L), 0.0)
 
     def moment(values, omega):
-        return np.trapezoid(values * np.exp(-1j * omega * t), t)
+        return trapezoid(values * np.exp(-1j * omega * t), t)
 
     hop, both = math.sqrt(k1 / M1), math.sqrt(k1 / (M1 + M2))
     x1, x2 = states[:, 0], states[:, 1]
@@ -349,7 +349,7 @@ def test_moments_of_the_motion_over_a_hump_are_the_roads(controlled):
     tolerance = 2e-4 * abs(moment(y, both))
     assert abs(moment(x2, hop) + M1 / M2 * moment(y, hop)) < tolerance
     assert abs(moment(x2 - x1, both) + (1.0 + M1 / M2) * moment(y, both)) < tolerance
-    assert abs(np.trapezoid(k1 * (y - x1), t)) < 1e-3 * np.trapezoid(np.abs(k1 * (y - x1)), t)
+    assert abs(trapezoid(k1 * (y - x1), t)) < 1e-3 * trapezoid(np.abs(k1 * (y - x1)), t)
 
 
 def test_energy_that_goes_in_is_stored_or_lost():
@@ -365,8 +365,8 @@ def test_energy_that_goes_in_is_stored_or_lost():
     lost = 1500.0 * (v2 - v1) ** 2 + 80.0 * (y_dot - v1) ** 2
     stored = 0.5 * (M1 * v1**2 + M2 * v2**2) + 0.5 * 15e3 * d**2 + 0.25 * 2.5e6 * d**4
     stored += 0.5 * 190e3 * (y - x1) ** 2
-    gone = np.trapezoid(into - lost, t)
-    assert stored[-1] - stored[0] == pytest.approx(gone, abs=1e-5 * np.trapezoid(np.abs(into), t))
+    gone = trapezoid(into - lost, t)
+    assert stored[-1] - stored[0] == pytest.approx(gone, abs=1e-5 * trapezoid(np.abs(into), t))
 
 
 def test_a_held_force_ends_in_its_static_deflection():

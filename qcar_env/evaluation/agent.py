@@ -49,9 +49,11 @@ class OnnxPolicy:
         options = runtime.SessionOptions()
         options.intra_op_num_threads = 1  # a small net is slower on two
         options.log_severity_level = 3
+        content = path.read_bytes()
+        _check_plain(path, content)
         try:
             self._session: Any = runtime.InferenceSession(
-                path.read_bytes(), options, providers=["CPUExecutionProvider"]
+                content, options, providers=["CPUExecutionProvider"]
             )
         except Exception as error:  # onnxruntime has no common class of its own
             raise ValueError(
@@ -110,6 +112,22 @@ class OnnxPolicy:
         action = np.asarray(self._session.run(None, {self._input.name: batch})[0])
         size = -1 if action.size else action.shape[-1]
         return action.reshape(*seen.shape[:-1], size), None
+
+
+def _check_plain(path: Path, content: bytes) -> None:
+    """Refuse a network that can run for ever, or reads other files.
+
+    Both are told by the bytes of their fields: onnx, which could list them, comes with torch alone.
+    """
+    if b"\x22\x04Loop" in content:  # NodeProto.op_type
+        raise ValueError(
+            f"{path} must be a network without a Loop, which could run for ever; export it unrolled"
+        )
+    if b"\x0a\x08location" in content:  # TensorProto.external_data
+        raise ValueError(
+            f"{path} must hold its own weights, but they are in another file; save it with them: "
+            "onnx.save(onnx.load(path), path, save_as_external_data=False)"
+        )
 
 
 class Agent:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import multiprocessing
 import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 from qcar_env.envs.episode import observed
 from qcar_env.evaluation.bounds import Bound, optimum_of
@@ -17,6 +16,7 @@ from qcar_env.evaluation.entry import Entry, may_enter, shown_to
 from qcar_env.evaluation.score import History, Row, Scores, for_track, score
 from qcar_env.evaluation.standings import Standing, findings, standings
 from qcar_env.evaluation.tracks import Track
+from qcar_env.evaluation.workers import Task, each_done
 from qcar_env.physics.signals import Signal
 from qcar_env.validation import whole
 
@@ -163,18 +163,22 @@ def run(
         for each in order:
             keep(each, _enter(each, tracks, seed))
     else:
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(jobs, mp_context=context) as pool:
-            # The optimum goes in among the first: alone at the end it would keep all waiting.
-            first = sum(each.name in SLOWEST for each in order)
-            futures = {pool.submit(_enter, each, tracks, seed): each for each in order[:first]}
-            optima = [pool.submit(optimum_of, *unit, seed=seed) for unit in distinct.values()]
-            futures |= {pool.submit(_enter, each, tracks, seed): each for each in order[first:]}
-            for future in as_completed(futures):
-                each, error = futures[future], future.exception()
-                # an error: the worker itself died
-                keep(each, _all_failed(each, tracks, error) if error else future.result())
-            found = [each.result() for each in optima]
+        # The optimum goes in among the first: alone at the end it would keep all waiting.
+        first, units = sum(each.name in SLOWEST for each in order), list(distinct.values())
+        tasks: list[Task] = [partial(_enter, each, tracks, seed) for each in order]
+        tasks[first:first] = [partial(optimum_of, *unit, seed=seed) for unit in units]
+        optima: dict[int, tuple[Bound, ...]] = {}
+        with closing(each_done(tasks, jobs)) as done:
+            for index, part, error in done:
+                if first <= index < first + len(units):
+                    if error is not None:
+                        raise error
+                    optima[index] = part
+                else:
+                    each = order[index if index < first else index - len(units)]
+                    # an error: the worker itself died
+                    keep(each, _all_failed(each, tracks, error) if error else part)
+        found = [optima[index] for index in sorted(optima)]
     inside = {each.name: parts[each.name] for each in entries}
     bounds = dict(zip(distinct, found, strict=True))
     return Outcome(
@@ -214,7 +218,7 @@ def _enter(entry: Entry, tracks: Sequence[Track], seed: int | None) -> _Part:
             if key not in done:  # tracks that show the same episodes are run once
                 done[key] = score(policy, track, scale, name=entry.name, kind=entry.kind, seed=seed)
             scores[(track.name, scale)] = for_track(done[key], track)
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # a policy does not end the benchmark
             failures.append(_failure(entry.name, track.name, scale, error))
     return _Part(scores=scores, failures=tuple(failures))
 

@@ -134,8 +134,7 @@ def write(folder: Path, comparison: Comparison, gains: Mapping[str, Mapping[str,
         "optimum": best
         and {"rho": best.upper, "bound": best.bound, "amplitudes_m": best.amplitudes},
     }
-    storage.write_csv(folder / "table.csv", rows)
-    storage.write_json(folder / "result.json", result)
+    storage.write_results(folder, {"table.csv": storage.as_csv(rows)}, result)
 
 
 def _record(found: Outcome) -> dict[str, Any]:

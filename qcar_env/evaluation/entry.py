@@ -18,8 +18,12 @@ from qcar_env.envs import episode as task
 from qcar_env.evaluation.agent import Agent, OnnxPolicy
 from qcar_env.evaluation.tracks import Track
 from qcar_env.scenarios import Scenario
+from qcar_env.validation import shown
 
 Kind = Literal["published", "tuned", "learned", "yours"]
+LONGEST = 120  # characters of a name, chosen here: a row of a table
+SIGNS = frozenset("$<>|\\`")  # of formulas in figures, of pages, tables and code
+FIRST = "=+-@"  # a spreadsheet takes what begins so for a formula
 Maker = Callable[[Scenario, Track | None, float], Any]
 
 
@@ -52,6 +56,23 @@ class Entry:
     make: Maker
     reads: task.Observe | None = None
     needs: str = ""
+
+    def __post_init__(self) -> None:
+        """Check that the name can stand in tables, figures, pages and spreadsheets.
+
+        Raises
+        ------
+        ValueError
+            If it is no text, empty, too long, or has a sign that means something there.
+        """
+        given: Any = self.name
+        wrong = not isinstance(given, str) or not given.isprintable() or not given.strip()
+        if wrong or len(given) > LONGEST or set(given) & SIGNS or given[0] in FIRST:
+            raise ValueError(
+                f"name of a policy must be 1 to {LONGEST} printable characters without any of "
+                f"{' '.join(sorted(SIGNS))}, and not begin with {' '.join(FIRST)}, got "
+                f"{shown(given)}; rename it"
+            )
 
 
 def may_enter(reads: task.Observe, track: Track) -> bool:

@@ -90,12 +90,9 @@ def write(folder: Path, outcome: Outcome) -> list[str]:
         The files' names.
     """
     rows = [dataclasses.asdict(row) for row in outcome.rows]
-    names = ["leaderboard.md", "table.csv", "result.json"]
+    files: dict[str, str | bytes] = {"leaderboard.md": leaderboard(outcome)}
     if rows:
-        storage.write_csv(folder / "table.csv", rows)
-        if _write_parquet(folder / "table.parquet", rows):
-            names.append("table.parquet")
-    storage.write_text(folder / "leaderboard.md", leaderboard(outcome))
+        files |= {"table.csv": storage.as_csv(rows), **_parquet(rows)}
     result = {
         "command": storage.command(),
         "versions": storage.versions(),
@@ -110,8 +107,8 @@ def write(folder: Path, outcome: Outcome) -> list[str]:
         "failures": [dataclasses.asdict(each) for each in outcome.failures],
         "rows": rows,
     }
-    storage.write_json(folder / "result.json", result)  # last: its presence says all is there
-    return names
+    storage.write_results(folder, files, result)
+    return [*files, "result.json"]
 
 
 def _measured(track: Track) -> str:
@@ -155,13 +152,11 @@ def _rho(value: float) -> str:
     return "0" if value == 0.0 else f"{value:.2e}" if value < 1e-3 else f"{value:.4f}"
 
 
-def _write_parquet(path: Path, rows: Sequence[Mapping[str, Any]]) -> bool:
-    """Write the table as Parquet, where pandas and pyarrow are installed."""
+def _parquet(rows: Sequence[Mapping[str, Any]]) -> dict[str, bytes]:
+    """Return the table as a Parquet file by name, where pandas and pyarrow are installed."""
     try:
         pandas = importlib.import_module("pandas")
         importlib.import_module("pyarrow")
     except ImportError:
-        return False
-    with storage.replacing(path) as temporary:
-        pandas.DataFrame(rows).to_parquet(temporary)
-    return True
+        return {}
+    return {"table.parquet": pandas.DataFrame(rows).to_parquet()}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import hashlib
 import importlib.metadata
 import io
 import json
@@ -16,24 +17,72 @@ from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from filelock import FileLock, Timeout
+
+from qcar_env.validation import shown
+
+LONGEST_NAME = 240  # [B] of a file: what file systems take, less what a temporary name adds
 PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "torch", "stable-baselines3", "onnxruntime")
 
 
-def check_folder(path: Path) -> None:
-    """Raise ValueError where a command's folder cannot be made or written to; make nothing."""
+def check_folder(path: Path, *files: str) -> None:
+    """Raise ValueError where a command's folder, or a file in it, cannot be made; make nothing."""
+    for part in (*path.parts, *files):
+        if len(os.fsencode(part)) > LONGEST_NAME:
+            raise ValueError(
+                f"--out must have names of at most {LONGEST_NAME} bytes, got {shown(part)}; give "
+                "a shorter one"
+            )
     there = next(each for each in (path, *path.absolute().parents) if os.path.exists(each))
     if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
         raise ValueError(
             f"--out must be a folder that can be written to, got {path}: {there} is none; "
             "give another"
         )
+    for name in files:
+        if (path / name).is_dir():
+            raise ValueError(
+                f"--out must hold no folder where a file is written, got {path / name}; remove it "
+                "or give another"
+            )
 
 
 def check_file(path: Path) -> None:
     """Raise ValueError where a command's file cannot be written; make nothing."""
-    check_folder(path.parent)
     if path.is_dir():
         raise ValueError(f"--out must be a file, got the folder {path}; give a name in it")
+    check_folder(path.parent, path.name)
+
+
+@contextlib.contextmanager
+def held(path: Path, wait: float = 0.0) -> Generator[None, None, None]:
+    """Keep other processes of this user from writing to a file or folder until the block ends.
+
+    Parameters
+    ----------
+    path : Path
+        What is written to.
+    wait : float
+        How long to wait for another to end [s].
+
+    Raises
+    ------
+    ValueError
+        If another process still holds it.
+    """
+    user = getattr(os, "getuid", int)()
+    name = hashlib.sha256(os.fsencode(path.resolve())).hexdigest()[:32]
+    lock = FileLock(Path(tempfile.gettempdir()) / f"qcar_env-{user}-{name}.lock")
+    try:
+        lock.acquire(timeout=wait)
+    except Timeout:
+        raise ValueError(
+            f"{path} is being written by another process; wait for its end, or give another --out"
+        ) from None
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 @contextlib.contextmanager
@@ -71,8 +120,28 @@ def write_json(path: Path, content: Any) -> None:
     write_text(path, json.dumps(_finite(content), indent=2, allow_nan=False) + "\n")
 
 
+def write_results(
+    folder: Path, files: Mapping[str, str | bytes], result: Mapping[str, Any]
+) -> None:
+    """Write files by name, and a record as result.json.
+
+    The record is removed first and written last: where there is one, all files beside it are its
+    own, even if a process was killed here.
+    """
+    (folder / "result.json").unlink(missing_ok=True)
+    for name, content in files.items():
+        with replacing(folder / name) as temporary:
+            temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+    write_json(folder / "result.json", result)
+
+
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write `rows` as comma-separated values, with the keys of the first one as header.
+    """Write `rows` to `path` (see `as_csv`), whole or not at all."""
+    write_text(path, as_csv(rows))
+
+
+def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return `rows` as comma-separated values, with the keys of the first one as header.
 
     Raises
     ------
@@ -80,12 +149,12 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         If there is no row, or one has other keys.
     """
     if not rows:
-        raise ValueError(f"rows must not be empty for {path}; give at least one")
+        raise ValueError("rows must not be empty; give at least one")
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    write_text(path, text.getvalue())
+    return text.getvalue()
 
 
 def versions() -> dict[str, str]:

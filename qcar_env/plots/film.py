@@ -30,6 +30,7 @@ Progress = Callable[[int, int], None]  # frame, of how many
 SUFFIXES = (".mp4", ".gif")
 GIF_COLOURS = 64
 LARGEST = 4096  # [px] side of a car's frame
+MOST_FRAMES = 1_000_000  # of a film, chosen here: eleven hours at 25 a second
 RATES = (0.01, 1000.0)  # [1/s] frames a second that both kinds of file can say
 
 
@@ -67,10 +68,10 @@ class Film:
                 f"{self.size[1]}; give a smaller one"
             )
         slowest, fastest = RATES
-        if self.length < 2 or not slowest <= self.rate <= fastest:
+        if not 2 <= self.length <= MOST_FRAMES or not slowest <= self.rate <= fastest:
             raise ValueError(
-                f"film must have two frames or more, and {slowest:g} to {fastest:g} of them a "
-                f"second, got {self.length} at {self.rate:.3g} a second; change duration, fps or "
+                f"film must have 2 to {MOST_FRAMES} frames, and {slowest:g} to {fastest:g} of them "
+                f"a second, got {self.length} at {self.rate:.3g} a second; change duration, fps or "
                 "slow"
             )
         if self.start == "steady" and not self.scenario.excitation.harmonic:

