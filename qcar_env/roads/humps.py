@@ -133,10 +133,18 @@ def find_humps(
 
     Notes
     -----
-    On roads of 120 m and the classes A to C, sampled at 0.05 m, with one hump of 60 to 150 mm and
-    1.5 to 8 m of any shape of the library, in all but 1 of 100 drawn humps, or better:
+    One hump of 60 to 150 mm and 1.5 to 8 m on a road of 120 m and a gradient of up to 5 %, of nine
+    shapes of the library and sixty draws of each, at 0.05 m: all were found and nothing else. The
+    errors, half of them below the first and all below the second number:
 
-    | error of | feet with a slope | feet without | class |
+    | class | middle [m] | length, slope at its feet | length, none | height times score |
+    |---|---|---|---|---|
+    | A | 0.01, 0.07 | 0.3 %, 4 % | 1 %, 14 % | 0.7, 3.1 |
+    | B | 0.01, 0.15 | 0.3 %, 16 % | 2 %, 17 % | 0.8, 3.0 |
+    | C | 0.06, 0.6 | 1 %, 29 % | 10 %, 37 % | 0.8, 3.9 |
+
+    So a height is known to within some three to four times ``height / score``. Feet without a slope
+    cannot be seen, whence the length: a sextic of 1.15 L is a sinusoidal hump of L.
     """
     y = finite_array("heights", heights, "m")
     dx = positive("spacing", spacing, "m")
@@ -182,7 +190,9 @@ def find_humps(
             break
         done.append((at, at + length))
         shape = _fitted(left, dx, at, length)
-        if shape is not None and shape.h >= least_height:
+        if shape is None or shape.extent > RATIO * longest:
+            continue  # the crest of a hill, not a hump
+        if shape.h >= least_height:
             done.append((shape.start, shape.start + shape.extent))
             left -= shape.heights(dx * np.arange(y.size))
             moved = dataclasses.replace(shape, start=start + shape.start)
