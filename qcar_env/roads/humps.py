@@ -137,11 +137,13 @@ def find_humps(
     shapes of the library and sixty draws of each, at 0.05 m: all were found and nothing else. The
     errors, half of them below the first and all below the second number:
 
-    | class | middle [m] | length, slope at its feet | length, none | height times score |
-    |---|---|---|---|---|
-    | A | 0.01, 0.07 | 0.3 %, 4 % | 1 %, 14 % | 0.7, 3.1 |
-    | B | 0.01, 0.15 | 0.3 %, 16 % | 2 %, 17 % | 0.8, 3.0 |
-    | C | 0.06, 0.6 | 1 %, 29 % | 10 %, 37 % | 0.8, 3.9 |
+    =====  ==========  =========================  =============  ==================
+    class  middle [m]  length (foot with slope)   length (none)  height times score
+    =====  ==========  =========================  =============  ==================
+    A      0.01, 0.07  0.3 %, 4 %                 1 %, 14 %      0.7, 3.1
+    B      0.01, 0.15  0.3 %, 16 %                2 %, 17 %      0.8, 3.0
+    C      0.06, 0.6   1 %, 29 %                  10 %, 37 %     0.8, 3.9
+    =====  ==========  =========================  =============  ==================
 
     So a height is known to within some three to four times ``height / score``. Feet without a slope
     cannot be seen, whence the length: a sextic of 1.15 L is a sinusoidal hump of L.
