@@ -73,15 +73,15 @@ def read_csv(
         lines.append(line)
         values.append(
             (
-                _number(names[at_distance], row[at_distance], place),
-                _number(names[at_height], row[at_height], place),
+                columns[at_distance][1] * _number(names[at_distance], row[at_distance], place),
+                columns[at_height][1] * _number(names[at_height], row[at_height], place),
             )
         )
     table = np.array(values, dtype=np.float64).reshape(-1, 2)
     return Samples(
         path=path,
-        distances=table[:, 0] * columns[at_distance][1],
-        heights=table[:, 1] * columns[at_height][1],
+        distances=table[:, 0],
+        heights=table[:, 1],
         place="line",
         numbers=lines,
         longest_gap=longest_gap,

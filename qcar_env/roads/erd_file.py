@@ -90,10 +90,13 @@ def read_erd(
             f"{path} must hold the {count} samples that its line 2 states, got {data.shape[0]}; "
             "it may be cut off: fetch or export it again"
         )
+    with np.errstate(over="ignore"):  # it is refused
+        distances = np.arange(count, dtype=np.float64) * spacing
+        heights = data[:, at] * factor
     return Samples(
         path=path,
-        distances=np.arange(count, dtype=np.float64) * spacing,
-        heights=data[:, at] * factor,
+        distances=distances,
+        heights=heights,
         place="line" if stored == TEXT else "sample",
         numbers=range(number + 1, number + 1 + count) if stored == TEXT else range(1, count + 1),
         longest_gap=longest_gap,
@@ -107,7 +110,7 @@ def _layout(line: str, path: Path) -> tuple[int, int, int, float]:
         channels, count, _, _, stored, step = (float(cell) for cell in cells[:6])
     except ValueError:
         channels = count = stored = step = math.nan
-    if not (1.0 <= channels <= MOST_CHANNELS and count >= 2.0 and 0.0 < step < math.inf):
+    if not (1.0 <= channels <= MOST_CHANNELS and 2.0 <= count < math.inf and 0.0 < step < math.inf):
         raise ValueError(
             f"line 2 of {path} must be number of channels (1 to {MOST_CHANNELS}), number of "
             f"samples (2 or more), two numbers, kind of data and positive spacing, got "

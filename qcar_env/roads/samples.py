@@ -14,6 +14,7 @@ from qcar_env.validation import positive, store
 Floats = NDArray[np.float64]
 
 UNITS = {"m": 1.0, "km": 1e3, "cm": 1e-2, "mm": 1e-3, "ft": 0.3048, "in": 0.0254}  # [m], exact
+FARTHEST = 1e9  # [m] chosen here: what is farther or higher is damaged
 GAP = 10.0  # in median distances of neighbours, chosen here: a wider one is a gap
 
 
@@ -37,7 +38,8 @@ class Samples:
     Raises
     ------
     ValueError
-        If there are fewer than two samples, distances do not rise, or there is a gap.
+        If there are fewer than two samples, one is no number or far too large, distances do not
+        rise, or there is a gap.
     """
 
     path: Path
@@ -55,10 +57,10 @@ class Samples:
                 f"{self.path} must hold two or more samples, got {s.size}; give a longer profile"
             )
         for name, values in (("distance", s), ("height", self.heights)):
-            for i in np.flatnonzero(~np.isfinite(values)).tolist():
+            for i in np.flatnonzero(~(np.abs(values) <= FARTHEST)).tolist():
                 raise ValueError(
-                    f"{name} must be finite, got {values[i]} {self.at(i)}; fill the gap in, or "
-                    "take the sample out and give longest_gap"
+                    f"{name} must be finite and within {FARTHEST:g} m, got {values[i]} m "
+                    f"{self.at(i)}; fill the gap in, or take the sample out and give longest_gap"
                 )
         steps = np.diff(s)
         for i in np.flatnonzero(steps == 0.0).tolist():

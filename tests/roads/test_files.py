@@ -131,6 +131,7 @@ def test_one_of_several_columns_is_chosen(tmp_path):
         (["0,1", "1,up"], "height must be a finite number, got 'up' in line 3 of {}; write a num"),
         (["0,1", "1,nan"], "height must be a finite number, got 'nan' in line 3 of {}; write"),
         (["0,1", "inf,1"], "distance must be a finite number, got 'inf' in line 3 of {}; write"),
+        (["0,1", "1e99,1"], "distance must be finite and within 1e+09 m, got 1e+99 m in line 3"),
         (["0,1", "1,1_0"], "height must be a finite number, got '1_0' in line 3 of {}; write"),
         (["0,1", "1,2", "1,3"], "got 1 m twice, the second time in line 4 of {}; keep one of"),
         (["0,1", "2,2", "1,3"], "got 1 m after 2 m in line 4 of {}; sort the samples"),
@@ -251,6 +252,9 @@ GOOD = erd([(1.0,), (2.0,), (3.0,)])
     [
         ("ERDFILEV2.00", "ERD", "must begin with ERDFILEV2.00, got 'ERD' in line 1 of {}; export"),
         ("1, 3, -1", "1, x, -1", "line 2 of {} must be number of channels (1 to 1000), number"),
+        ("1, 3,", "1, inf,", "line 2 of {} must be number of channels (1 to 1000), number"),
+        ("2.0\n", "1e308\n", "height must be finite and within 1e+09 m, got 1e+305 m in line 9"),
+        ("0.25", "1e308", "distance must be finite and within 1e+09 m, got 1e+308 m in line 9"),
         ("0.25", "-0.25", "kind of data and positive spacing, got '1, 3, -1, 1, 5, -0.25, -1,'"),
         (" 5, ", " 0, ", "kind of data must be 5 (text) or 1 (floats of 4 bytes), got 0 in line 2"),
         ("1, 3,", "1, 4,", "must hold the 4 samples that its line 2 states, got 3; it may be cut"),
@@ -266,7 +270,11 @@ GOOD = erd([(1.0,), (2.0,), (3.0,)])
         ("2.0\n", "2.0 2.0\n", "a line must have 1 numbers, got '2.0 2.0' in line 9 of {}; write"),
         ("2.0\n", "2.0 x\n", "a line must have 1 numbers, got '2.0 x' in line 9 of {}; write"),
         ("2.0\n", "\n", "line 9 of {} must be a sample, got none; fill it in"),
-        ("2.0\n", "nan\n", "height must be finite, got nan in line 9 of {}; fill the gap in, or"),
+        (
+            "2.0\n",
+            "nan\n",
+            "height must be finite and within 1e+09 m, got nan m in line 9 of {}; fill the",
+        ),
     ],
 )
 def test_bad_erd_files_are_refused_with_line_and_remedy(tmp_path, was, now, message):
@@ -305,7 +313,9 @@ def test_a_hole_in_an_opencrg_surface_is_refused(tmp_path):
     path = surface(tmp_path / "road.crg", z)
     with (
         pytest.warns(crg.CrgCheckWarning, match="NaN values"),
-        pytest.raises(ValueError, match="height must be finite, got nan in cross-section 11 of"),
+        pytest.raises(
+            ValueError, match=r"height must be finite .* got nan m in cross-section 11 of"
+        ),
     ):
         load(path)
 
