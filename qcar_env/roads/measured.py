@@ -102,8 +102,12 @@ def tabulate(pieces: Sequence[tuple[float, float, Floats]]) -> Floats:
         jump = following[0] - heights[-1]
         spacing = (stop - start) / intervals
         heads.append([start, spacing, intervals, offset, jump * (abs(jump) > ROUNDING)])
-        spline: Any = CubicSpline(np.arange(intervals + 1) * spacing, heights)
-        cubics.append(spline.c[::-1].T.ravel())
+        if intervals == 1:  # thousands of them where every sample is a kink
+            slope = (heights[1] - heights[0]) / spacing
+            cubics.append(np.array([heights[0], slope, 0.0, 0.0]))
+        else:
+            spline: Any = CubicSpline(np.arange(intervals + 1) * spacing, heights)
+            cubics.append(spline.c[::-1].T.ravel())
         offset += cubics[-1].size
     return frozen(np.concatenate([[float(len(every))], *heads, *cubics]))
 
@@ -191,12 +195,11 @@ class SampledRoad(Tabulated):
                 f"the first and the last of the distances must stand once, got {s[0]:g} and "
                 f"{s[-1]:g} m; give a sample before or after the jump"
             )
-        for kink in kinks.tolist():
-            if kink not in s[1:-1]:
-                raise ValueError(
-                    f"kinks_at must be among the distances between the first and the last, "
-                    f"got {kink:g} m; give a sampled distance"
-                )
+        for kink in kinks[~np.isin(kinks, s[1:-1])].tolist():
+            raise ValueError(
+                f"kinks_at must be among the distances between the first and the last, "
+                f"got {kink:g} m; give a sampled distance"
+            )
         if self.spacing is not None:
             store(self, spacing=positive("spacing", self.spacing, "m"))
         store(

@@ -26,6 +26,18 @@ def test_the_spectrum_is_that_of_the_class_whatever_the_sampling(name, interval)
         assert abs(10.0 * math.log10(ratio)) < 1.0
 
 
+@pytest.mark.parametrize("name", "ABCD")
+def test_many_short_roads_have_the_spectrum_of_the_class(name):
+    """Within 1 dB in each third of an octave, over twenty roads of 300 m."""
+    s = np.arange(0.0, 300.0, 0.1)
+    roads = [ISO8608.of_class(name, L=300.0, seed=seed).heights(s) for seed in range(20)]
+    n, found = welch(np.array(roads), 10.0, nperseg=1500, detrend="linear")
+    for low in 0.03 * 2.0 ** (np.arange(19) / 3.0):  # [1/m], 0.03 to 2.4
+        inside = (n >= low) & (n < 2.0 ** (1.0 / 3.0) * low)
+        ratio = (found[:, inside] / (CLASSES[name] * (n[inside] / N0) ** -2.0)).mean()
+        assert abs(10.0 * math.log10(ratio)) < 1.0
+
+
 def test_the_classes_are_the_standards_geometric_means():
     """ISO 8608: A 16, B 64, C 256, D 1024, E 4096 ... times 1e-6 m^3."""
     assert list(CLASSES) == list("ABCDEFGH")
