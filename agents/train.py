@@ -15,6 +15,7 @@ the same recipe and seed give the same policy on the same machine.
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import time
 from collections.abc import Callable
@@ -308,8 +309,10 @@ class _Run:
             "cpu": self.clock.spent_cpu,
             "history": [dataclasses.asdict(each) for each in self.history],
         }
+        packed = io.BytesIO()  # torch's own writing tells no full disk
+        torch.save(content, packed)
         with storage.replacing(self.folder / "checkpoint.pt") as path:
-            torch.save(content, path)
+            path.write_bytes(packed.getbuffer())
 
 
 def _open(

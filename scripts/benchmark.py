@@ -88,6 +88,7 @@ def _run(arguments: argparse.Namespace) -> int:
         jobs=arguments.jobs,
         progress=_progress,
     )
+    print("\n".join(["", *leaderboard.summary(outcome), ""]), flush=True)  # whatever follows
     if not arguments.no_figures and outcome.rows:
         _draw(out / "figures", outcome)
     names = leaderboard.write(out, outcome)
@@ -95,7 +96,6 @@ def _run(arguments: argparse.Namespace) -> int:
         from qcar_env.report.benchmark import page
 
         print(f"report: {page(out / 'report.html', outcome)}")
-    print("\n".join(["", *leaderboard.summary(outcome), ""]))
     print(f"written to {out}: {', '.join(names)}")
     for failure in outcome.failures:
         print(f"benchmark: {failure}", file=sys.stderr)

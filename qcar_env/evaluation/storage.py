@@ -49,7 +49,7 @@ def check_folder(path: Path, *files: str) -> None:
 
 def check_file(path: Path) -> None:
     """Raise ValueError where a command's file cannot be written; make nothing."""
-    if path.is_dir():
+    if os.path.isdir(path):
         raise ValueError(f"--out must be a file, got the folder {path}; give a name in it")
     check_folder(path.parent, path.name)
 

@@ -1,5 +1,6 @@
 import dataclasses
 import json
+from functools import partial
 
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ import pytest
 from baselines import catalogue, tune
 from qcar_env.evaluation.rollouts import rollouts
 from qcar_env.evaluation.tracks import episodes, track
+from qcar_env.evaluation.workers import each_done
 from scripts import tune as command
 
 BUDGET = track("budget")
@@ -52,6 +54,34 @@ def test_a_seed_decides_and_the_search_improves():
     published = tune.validate("lnvc", {}, BUDGET, 0.5)
     assert first.validation_rho < published
     assert set(first.gains) == {"G1", "G2"}
+
+
+def put(path, names):
+    """Store gains of some names, many times, from another process."""
+    for k in range(5):
+        for name in names:
+            tune.store(dataclasses.replace(STORED, baseline=name, seed=k), path)
+
+
+STORED = tune.Tuned(
+    baseline="lnvc",
+    track="budget",
+    track_version=2,
+    force_scale=1.0,
+    gains={"G1": 1.0},
+    training_rho=0.1,
+    validation_rho=0.1,
+    evaluations=8,
+    seed=0,
+    command="",
+)
+
+
+def test_two_searches_of_one_file_lose_no_gains(tmp_path):
+    path = tmp_path / "tuned.json"
+    tasks = [partial(put, path, names) for names in (("a", "b"), ("c", "d"))]
+    assert [error for *_, error in each_done(tasks, 2)] == [None, None]
+    assert [(each.baseline, each.seed) for each in tune.load(path)] == [(x, 4) for x in "abcd"]
 
 
 def test_gains_are_tuned_on_a_road_without_periods_too():

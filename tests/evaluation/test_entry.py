@@ -8,7 +8,7 @@ import pytest
 import agents
 import baselines
 from baselines import catalogue
-from qcar_env.evaluation.entry import entry_of, may_enter, shown_to
+from qcar_env.evaluation.entry import Entry, entry_of, may_enter, shown_to
 from qcar_env.evaluation.tracks import TRACKS, track
 
 BUDGET = track("budget")
@@ -28,6 +28,36 @@ def test_an_entry_survives_the_way_to_another_process():
         there = pickle.loads(pickle.dumps(each))
         assert dataclasses.replace(there, make=each.make) == each
         assert (there.make.func, there.make.args) == (each.make.func, each.make.args)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "$x_{1$",
+        "<!--<script>",
+        "=cmd|' /C calc'!A0",
+        "a|b",
+        "a\nb",
+        "a\\b",
+        "`a`",
+        "-1",
+        "+1",
+        "@a",
+        "",
+        "   ",
+        "x" * 121,
+        None,
+        3,
+    ],
+)
+def test_a_name_that_means_something_elsewhere_is_refused(name):
+    with pytest.raises(ValueError, match="name of a policy must be 1 to 120 printable characters"):
+        Entry(name=name, kind="yours", title="", make=str)
+
+
+@pytest.mark.parametrize("name", ["mine:policy.best", "größer (2)", "a & b", "SAC, 3 layers", "_"])
+def test_a_name_in_any_language_may_enter(name):
+    assert Entry(name=name, kind="yours", title="", make=str).name == name
 
 
 @pytest.mark.parametrize("entry", baselines.entries(), ids=lambda each: each.name)

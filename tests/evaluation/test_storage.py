@@ -115,6 +115,39 @@ def test_where_nothing_can_be_written_is_said_and_nothing_is_made(tmp_path):
     assert [each.name for each in tmp_path.iterdir()] == ["taken"]
 
 
+def test_a_folder_in_a_files_place_and_a_long_name_are_refused(tmp_path):
+    (tmp_path / "table.csv").mkdir()
+    with pytest.raises(ValueError, match=r"no folder where a file is written, got .*table.csv; re"):
+        storage.check_folder(tmp_path, "result.json", "table.csv")
+    for check in (storage.check_folder, storage.check_file):
+        with pytest.raises(ValueError, match="names of at most 240 bytes, got 'aaa"):
+            check(tmp_path / ("a" * 300))
+
+
+def test_a_record_stands_beside_its_own_files_alone(tmp_path, monkeypatch):
+    """A process that is killed while it writes leaves no record, so that none is of another run."""
+    storage.write_results(tmp_path, {"a.md": "first", "b.bin": b"1"}, {"run": 1})
+    assert (tmp_path / "b.bin").read_bytes() == b"1"
+    (tmp_path / "c.csv").mkdir()
+    with pytest.raises(OSError, match=r"c\.csv"):
+        storage.write_results(tmp_path, {"a.md": "second", "c.csv": "x"}, {"run": 2})
+    assert (tmp_path / "a.md").read_text(encoding="utf-8") == "second"
+    assert not (tmp_path / "result.json").exists()
+    assert not [each for each in tmp_path.iterdir() if each.name.startswith(".")]
+
+
+def test_two_writers_of_one_folder_are_told_apart(tmp_path):
+    with (
+        storage.held(tmp_path),
+        storage.held(tmp_path / "other"),
+        pytest.raises(ValueError, match="is being written by another process; wait for its end"),
+        storage.held(tmp_path / "other" / ".."),
+    ):
+        raise AssertionError("both write")
+    with storage.held(tmp_path):
+        assert not list(tmp_path.iterdir())
+
+
 def test_a_table_without_rows_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"rows must not be empty; give at least"):
         storage.write_csv(tmp_path / "table.csv", [])

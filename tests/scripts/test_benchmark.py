@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import agents
-from qcar_env.evaluation import tracks
+from qcar_env.evaluation import storage, tracks
 from qcar_env.evaluation.tracks import Track
 from scripts import benchmark
 
@@ -35,6 +35,7 @@ BLIND = Track(
     periods=3,
 )
 
+REAL = tracks.TRACKS
 DRAWN = Track(
     name="drawn",
     version=1,
@@ -267,6 +268,92 @@ def test_an_onnx_file_enters(tmp_path):
     path.write_bytes(path.read_bytes()[:40])  # cut off
     assert run(tmp_path / "cut", "--baselines", "none", "--policy", str(path)) == 2
     assert not (tmp_path / "cut").exists()
+
+
+def test_a_network_that_loops_or_reads_other_files_is_refused(tmp_path, capsys):
+    """One ran for ever and could not be interrupted; one took its weights from where it was run."""
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    helper, FLOAT, BOOL = onnx.helper, onnx.TensorProto.FLOAT, onnx.TensorProto.BOOL
+    seen = [helper.make_tensor_value_info("observation", FLOAT, ["n", 4])]
+    done = [helper.make_tensor_value_info("action", FLOAT, ["n", 2])]
+    body = helper.make_graph(
+        [
+            helper.make_node("Identity", ["go"], ["go_on"]),
+            helper.make_node("Identity", ["x"], ["x_out"]),
+        ],
+        "body",
+        [
+            helper.make_tensor_value_info("k", onnx.TensorProto.INT64, []),
+            helper.make_tensor_value_info("go", BOOL, []),
+            helper.make_tensor_value_info("x", FLOAT, ["n", 2]),
+        ],
+        [
+            helper.make_tensor_value_info("go_on", BOOL, []),
+            helper.make_tensor_value_info("x_out", FLOAT, ["n", 2]),
+        ],
+    )
+    gain = onnx.numpy_helper.from_array(np.zeros((4, 2), np.float32), "gain")
+    true = onnx.numpy_helper.from_array(np.array(True), "true")
+    product = helper.make_node("MatMul", ["observation", "gain"], ["y"])
+    loop = helper.make_node("Loop", ["", "true", "y"], ["action"], body=body)
+    graph = helper.make_graph([product, loop], "endless", seen, done, [gain, true])
+    given = {"opset_imports": [helper.make_opsetid("", 17)], "ir_version": 8}
+    onnx.save(helper.make_model(graph, **given), tmp_path / "endless.onnx")
+    plain = helper.make_node("MatMul", ["observation", "gain"], ["action"])
+    graph = helper.make_graph([plain], "outside", seen, done, [gain])
+    outside = {"save_as_external_data": True, "location": "weights", "size_threshold": 0}
+    onnx.save(helper.make_model(graph, **given), tmp_path / "outside.onnx", **outside)
+    for name, message in (
+        ("endless", "endless.onnx must be a network without a Loop, which could run for ever"),
+        ("outside", "outside.onnx must hold its own weights, but they are in another file; save"),
+    ):
+        arguments = ["--baselines", "none", "--policy", str(tmp_path / f"{name}.onnx")]
+        assert run(tmp_path / "out", *arguments) == 2
+        assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_a_policy_that_ends_the_program_ends_its_own_run_alone(tmp_path, mine, capsys, jobs):
+    text = """
+        import os, sys
+        from bench_policies import Steady
+
+        class Quits(Steady):
+            def predict(self, *args, **kwargs):
+                sys.exit(0)
+
+        class Dies(Steady):
+            def predict(self, *args, **kwargs):
+                os._exit(0)
+
+        quits, dies = Quits(), Dies()
+    """
+    (tmp_path / "bench_ends.py").write_text(textwrap.dedent(text), encoding="utf-8")
+    ends = ["quits", "dies"] if jobs == "2" else ["quits"]  # in this process nothing can stop it
+    arguments = [word for name in ends for word in ("--policy", f"bench_ends:{name}")]
+    out = tmp_path / "out"
+    given = ["--tracks", "paper", "--no-figures", "--no-agents", "--out", str(out), "--jobs", jobs]
+    if jobs == "1":
+        given[1] = "short"
+    with pytest.MonkeyPatch.context() as patch:
+        if jobs == "2":
+            patch.setattr(tracks, "TRACKS", REAL)  # worker processes know the real tracks alone
+        assert benchmark.main([*given, "--baselines", "cnvc", *arguments]) == 1
+    found = json.loads((out / "result.json").read_text(encoding="utf-8"))
+    assert {row["policy"] for row in found["rows"]} == {"cnvc", "cnvc (tuned)"}
+    errors = {each["policy"]: each["error"] for each in found["failures"]}
+    assert errors["bench_ends:quits"] == "SystemExit: 0"
+    if jobs == "2":
+        assert errors["bench_ends:dies"] == "WorkerDiedError: its process ended with 0"
+
+
+def test_two_benchmarks_do_not_write_one_folder(tmp_path, capsys):
+    with storage.held(tmp_path / "out"):
+        assert run(tmp_path / "out", "--baselines", "none") == 2
+    assert "is being written by another process" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow

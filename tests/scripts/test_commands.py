@@ -87,6 +87,74 @@ def test_what_cannot_be_is_refused_before_any_work(
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (OSError(28, "No space left on device", "here"), 2, "No space left on device: here"),
+        (OSError(28, "No space left on device"), 2, "No space left on device"),
+        (OSError("half a message"), 2, "half a message"),
+        (MemoryError("5.8 TiB"), 2, "not enough memory (5.8 TiB); ask for less"),
+        (ValueError("no"), 2, "no"),
+        (KeyboardInterrupt(), 130, "interrupted."),
+        (KeyboardInterrupt("go on with: it"), 130, "interrupted. go on with: it"),
+    ],
+)
+def test_what_ends_a_command_is_told_in_a_line(error, status, said, capsys):
+    def work(arguments):
+        raise error
+
+    assert commands.main("it", "", {}, work)([]) == status
+    assert capsys.readouterr().err.strip() == f"it: {said}"
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments"),
+    [
+        ("benchmark", ["--no-agents", "--baselines", "cnvc", "--tracks", "paper", "--jobs", "1"]),
+        ("compare", ["--laws", "none", "cnvc", "--duration", "2"]),
+        ("figures", ["--only", "4", "--quick"]),
+        ("train", ["--algo", "cma", "--steps", "1000", "--quiet"]),
+        ("watch", ["--duration", "1", "--policy", "cnvc", "--out", "film.gif"]),
+    ],
+)
+def test_a_file_that_grows_beyond_what_is_allowed_is_told_in_a_line(
+    command, arguments, tmp_path, monkeypatch, capsys
+):
+    """A full disk is the same to a program: its writes are refused."""
+    resource = pytest.importorskip("resource")
+    if command in LEARNING:
+        pytest.importorskip("torch")
+    monkeypatch.chdir(tmp_path)
+    allowed = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, allowed[1]))
+    try:
+        status = importlib.import_module(f"scripts.{command}").main(arguments)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, allowed)
+    assert status == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert "File too large" in said
+    assert not [each for each in tmp_path.rglob("result.json") if each.stat().st_size]
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [("benchmark", ""), ("compare", ""), ("figures", ""), ("train", ""), ("watch", ".gif")],
+)
+def test_a_name_too_long_for_a_file_is_refused_before_the_work(
+    command, name, tmp_path, monkeypatch, capsys
+):
+    if command in LEARNING:
+        pytest.importorskip("torch")
+    monkeypatch.chdir(tmp_path)
+    out = "a" * 300 + name
+    assert importlib.import_module(f"scripts.{command}").main(["--out", out]) == 2
+    said = capsys.readouterr().err
+    assert "--out must have names of at most 240 bytes" in said
+    assert said.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_default_says_what_an_option_takes():
     options = {
         "count": (3, "whole number"),
