@@ -20,24 +20,27 @@ Array = NDArray[np.float64]
 
 SIZE = (DOUBLE_COLUMN, 3.0)  # [in]
 TALL = (DOUBLE_COLUMN, 4.0)  # [in]
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<", ">")
-ASIDE = 0.011  # [-] of the force limit between the marks of two policies
 DECADE = 10.0  # ratio of values from which an axis is logarithmic
 LIMIT_LABEL = "force limit over CNVC's own peak force [-]"
-SMALLEST = 1e-5  # [-] lower edge of logarithmic axes: stillness for any purpose
+SMALLEST = 1e-5  # [-] lower edge of a logarithmic axis: stillness for any purpose
 
 # Policies that every figure may show, in this order, with one look each.
 LOOKS: Mapping[str, Line] = {
     "cnvc": line("cnvc"),
     "cnvc (tuned)": Line(line("cnvc").color, (0, (4, 2)), "CNVC, tuned"),
     "lnvc (tuned)": Line(line("lnvc").color, "-", "linear velocity feedback, tuned"),
-    "state (tuned)": Line("#882255", "-", "state feedback, tuned"),
+    "state (tuned)": Line("#999933", "-", "state feedback, tuned"),
     "linear (tuned)": Line("#332288", "-", "linear in state and forcing, tuned"),
     "lqr-model": Line("#44AA99", "-", "LQR with internal model"),
     "mpc": Line("#117733", "-", "MPC with preview"),
-    "learned": Line(line("learned").color, "-", "best learned"),
+    "ppo": line("ppo"),
+    "sac": Line(line("sac").color, line("sac").linestyle, "SAC"),
+    "cma": Line(line("cma").color, "-", "CMA-ES"),
     "optimum": Line(line("optimum").color, "-", "optimum"),
 }
+
+
+MARKERS: Mapping[str, str] = dict(zip(LOOKS, "os^DvPX<>h", strict=False))  # of each of these
 
 
 def look(policy: str) -> Line:
@@ -69,35 +72,37 @@ def frontier(
     """
     s = np.asarray(limits, dtype=np.float64)
     at = np.asarray(optimum_limits, dtype=np.float64)
-    low, high = (np.maximum(each, SMALLEST) for each in (lower, upper))
-    ax.fill_between(at, SMALLEST * 0.5, low, color="#EEEEEE", linewidth=0.0, zorder=0)
+    # Where stillness can be had the frontier leaves the axes: it is zero, and no line is at zero.
+    low, high = (np.maximum(each, 1e-3 * SMALLEST) for each in (lower, upper))
+    ran = {name: values for name, values in policies.items() if any(values)}
+    least = [each.value for values in ran.values() for each in values if each is not None]
+    bottom = min([SMALLEST, *(0.5 * value for value in least if value > 0.1 * SMALLEST)])
+    ax.fill_between(at, 1e-3 * SMALLEST, low, color="#EEEEEE", linewidth=0.0, zorder=0)
     ax.fill_between(at, low, high, color=look("optimum").color, alpha=0.5, linewidth=0.0)
     ax.plot(at, high, color=look("optimum").color, linewidth=1.6, label="optimum")
     words = "no force within\nthe limit leaves\nso little"
     x = float(at[0] + 0.04 * (at[-1] - at[0]))
-    ax.text(x, SMALLEST * 3.0, words, color="#666666", fontsize=6.5)
-    ran = {name: values for name, values in policies.items() if any(values)}
-    for number, (name, values) in enumerate(ran.items()):
+    ax.text(x, bottom * 3.0, words, color="#666666", fontsize=6.5)
+    for name, values in ran.items():
         style = look(name)
         there = [(x, v) for x, v in zip(s, values, strict=True) if v is not None]
-        # Side by side, and not joined: a chord between two limits would cross the frontier.
-        aside = (number - 0.5 * (len(ran) - 1)) * ASIDE
-        ax.errorbar(
-            [x + aside for x, _ in there],
-            [max(v.value, SMALLEST) for _, v in there],
+        ax.errorbar(  # not joined: a chord between two limits would cross the frontier
+            [x for x, _ in there],
+            [v.value for _, v in there],
             yerr=_errors([v for _, v in there]),
             color=style.color,
             linestyle="none",
-            marker=MARKERS[number % len(MARKERS)],
-            markersize=3.4,
-            markerfacecolor=style.color if style.linestyle == "-" else "white",
+            marker=MARKERS.get(name, "*"),
+            markersize=4.6,
+            markerfacecolor="none",
+            markeredgewidth=1.0,
             capsize=1.5,
             elinewidth=0.7,
             label=style.label,
         )
     ax.set_yscale("log")
     ylabel = r"vibration left, $\rho=\max_i a_i/A_i$ [-]"
-    ax.set(ylim=(SMALLEST * 0.5, 1.5), xlabel=LIMIT_LABEL, ylabel=ylabel)
+    ax.set(ylim=(bottom, 1.5), xlabel=LIMIT_LABEL, ylabel=ylabel)
     return ax
 
 

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from qcar_env.evaluation.benchmark import Outcome
 from qcar_env.evaluation.bounds import optimum
+from qcar_env.evaluation.standings import Standing
 from qcar_env.evaluation.statistics import Interval
 from qcar_env.evaluation.tracks import Track
 from qcar_env.plots import benchmark as plots
@@ -42,9 +43,9 @@ def _frontier(outcome: Outcome, track: Track) -> Figure:
     shown: dict[str, Sequence[Interval | None]] = {
         policy: [each.get(policy) for each in found] for policy in _shown(outcome, track.name)
     }
-    best = [outcome.best_learned(track.name, s) for s in limits]
-    if any(best):
-        shown["learned"] = [each.rho if each else None for each in best]
+    best = [_learned(outcome, track.name, s) for s in limits]
+    for name in dict.fromkeys(name for each in best for name in each):
+        shown[name] = [each[name].rho if name in each else None for each in best]
     between = np.linspace(limits[0], limits[-1], FRONTIER)
     optima = [optimum(track.at(float(s))) for s in between]
     figure = plt.figure(figsize=plots.SIZE)
@@ -77,9 +78,8 @@ def _shares(outcome: Outcome, track: Track) -> Figure:
     for ax, scale in zip(axes, track.force_scales, strict=True):
         rho = outcome.by_policy(track.name, scale)
         shown = {name: rho[name] for name in _shown(outcome, track.name) if name in rho}
-        best = outcome.best_learned(track.name, scale)
-        if best:
-            shown["learned"] = rho[best.policy]
+        for name, best in _learned(outcome, track.name, scale).items():
+            shown[name] = rho[best.policy]
         lower = [each.lower for each in outcome.bounds[(track.name, scale)]]
         plots.shares(ax, shown, lower)
         ax.set_title(f"force limit x {scale:g}")
@@ -90,10 +90,10 @@ def _shares(outcome: Outcome, track: Track) -> Figure:
 
 def _histories(outcome: Outcome, track: Track, scale: float) -> Figure:
     nominal = track.at(scale)
-    best = outcome.best_learned(track.name, scale)
     chosen = {name: name for name in ("cnvc", "lnvc (tuned)", "state (tuned)", "mpc")}
-    if best:
-        chosen["learned"] = best.policy
+    for name, best in _learned(outcome, track.name, scale).items():
+        chosen[name] = best.policy
+        break  # the best one
     records = {}
     for look, policy in chosen.items():
         found = outcome.histories.get((policy, track.name, scale))
@@ -108,8 +108,10 @@ def _histories(outcome: Outcome, track: Track, scale: float) -> Figure:
 
 
 def _force_velocity(outcome: Outcome, track: Track, scale: float) -> Figure:
-    best = outcome.best_learned(track.name, scale)
-    second = {"learned": best.policy} if best else {"state (tuned)": "state (tuned)"}
+    learned = _learned(outcome, track.name, scale).items()
+    second = next(
+        ({name: best.policy} for name, best in learned), {"state (tuned)": "state (tuned)"}
+    )
     limits = track.at(scale).actuator.limit
     figure = plt.figure(figsize=plots.SIZE)
     axes = figure.subplots(1, 2)
@@ -125,6 +127,16 @@ def _force_velocity(outcome: Outcome, track: Track, scale: float) -> Figure:
         ax.set(title=word, xlabel=xlabel, ylabel=ylabel)
     shared_legend(figure, axes)
     return figure
+
+
+def _learned(outcome: Outcome, track: str, scale: float) -> dict[str, Standing]:
+    """Return the best policy of each algorithm there, the best one first."""
+    found: dict[str, Standing] = {}
+    for each in outcome.ranked(track, scale):
+        if each.kind == "learned":
+            name = each.policy.split("-")[0]
+            found.setdefault(name if name in plots.LOOKS else each.policy, each)
+    return found
 
 
 def _shown(outcome: Outcome, track: str) -> list[str]:

@@ -84,9 +84,8 @@ def routh_hurwitz(matrices: Array) -> RouthHurwitz:
     Rates are measured in each matrix's own unit of time, so that the verdict does not hang on it.
     """
     matrices = _checked(matrices)
-    largest = np.max(np.abs(matrices), axis=(1, 2))
-    rate = np.exp2(np.frexp(largest)[1] - 1.0)  # [1/s] exact: only exponents change
-    scaled = matrices / np.where(largest > 0.0, rate, 1.0)[:, None, None]
+    exponent = np.frexp(np.max(np.abs(matrices), axis=(1, 2)))[1]  # of a rate, 2 to it [1/s]
+    scaled = np.ldexp(matrices, -exponent[:, None, None])  # exact: only exponents change
     g1, g2, g3, g4 = gammas = characteristic_polynomial(scaled)
     inner = g1 * g2 - g3
     values = np.array([g1, inner, g3 * inner - g1 * g1 * g4, g4])  # (40)
@@ -103,7 +102,7 @@ def routh_hurwitz(matrices: Array) -> RouthHurwitz:
     margins = np.clip(values / np.maximum(scale, 1e-300), -1.0, 1.0)  # but for rounding within
     with np.errstate(over="ignore", under="ignore"):  # in 1/s^6 what is small or large is so
         gammas, values = (
-            each * rate ** np.array(powers)[:, None]
+            np.ldexp(each, np.array(powers)[:, None] * exponent)
             for each, powers in ((gammas, (1, 2, 3, 4)), (values, (1, 3, 6, 4)))
         )
     return RouthHurwitz(gammas=gammas, values=values, margins=margins)

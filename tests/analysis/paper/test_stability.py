@@ -69,7 +69,7 @@ def test_the_verdict_of_routh_and_hurwitz_does_not_hang_on_the_unit_of_time(matr
     np.testing.assert_array_equal(scaled.margins, found.margins)
     np.testing.assert_array_equal(scaled.holds, found.holds)
     with np.errstate(over="ignore", under="ignore"):
-        expected = found.values * np.exp2(np.array([1.0, 3.0, 6.0, 4.0]) * power)[:, None]
+        expected = np.ldexp(found.values, np.array([1, 3, 6, 4])[:, None] * power)
     np.testing.assert_array_equal(scaled.values, expected)
 
 
