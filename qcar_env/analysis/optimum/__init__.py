@@ -6,7 +6,16 @@ of the steady motion (`period`) or over an episode (`episode`).
 """
 
 from qcar_env.analysis.optimum.episode import episode_optimum
+from qcar_env.analysis.optimum.hump import Headroom, hump_optimum
 from qcar_env.analysis.optimum.period import period_optimum
 from qcar_env.analysis.optimum.result import OBJECTIVES, Objective, Optimum
 
-__all__ = ["OBJECTIVES", "Objective", "Optimum", "episode_optimum", "period_optimum"]
+__all__ = [
+    "OBJECTIVES",
+    "Headroom",
+    "Objective",
+    "Optimum",
+    "episode_optimum",
+    "hump_optimum",
+    "period_optimum",
+]
