@@ -14,6 +14,7 @@ linear car itself.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,11 +24,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import simpson
 from scipy.linalg import matrix_balance
-from scipy.signal import lti
 
 from qcar_env.analysis.optimum.grid import MOST_NODES
 from qcar_env.analysis.optimum.hump_certificate import Multipliers, least
-from qcar_env.analysis.optimum.hump_program import solve
+from qcar_env.analysis.optimum.hump_program import Solution, solve
 from qcar_env.analysis.optimum.sampled import (
     NO_FILTER,
     PARTS,
@@ -47,16 +47,16 @@ Shape = Literal["held", "any"]
 
 NORMS: dict[str, float] = {"peak_acceleration": math.inf, "rms_acceleration": 2.0, "vdv": 4.0}
 SHAPES = ("held", "any")
-GAP = 1e-4  # between program and bound, in objectives of the uncontrolled motion: else no solution
+GAP = 1e-3  # between program and bound, in objectives of the uncontrolled motion: else no solution
 
 
 @dataclass(frozen=True, kw_only=True)
 class Headroom:
-    """The least objective on a hump, the force that reaches it, and the proof that none does better.
+    """The least objective on a hump, the force that reaches it, and the proof of it.
 
     Objectives are in m/s^2, the vibration dose value in m/s^1.75, of the weighted acceleration if
     there is a weighting. Where no force keeps the limits, `value`, `upper` and `bound` are infinite
-    (the bound is certified then, too) and force and motion are those of no force.
+    (the bound is certified then, too, or else 0) and force and motion are those of no force.
     """
 
     objective: HumpObjective
@@ -131,7 +131,7 @@ def hump_optimum(
         poles, gain)`` [rad/s] or ``(numerator, denominator)``: of ISO 2631-1 the weighting Wk.
     inside : int, optional
         Nodes in a control interval at which the limits are kept: 2 for held forces. For forces of
-        every shape as many pieces, in each of which the program's force differs: 4.
+        every shape as many pieces, in each of which the program's force differs: 8.
     dt, duration : float, optional
         Control interval and length of the episode [s]; the scenario's if left out.
 
@@ -164,7 +164,7 @@ def hump_optimum(
     rate = math.inf if rate is None else positive("rate", rate, "N/s")
     hold = scenario.dt if dt is None else positive("dt", dt, "s")
     length = scenario.duration if duration is None else positive("duration", duration, "s")
-    inside = (4 if any_shape else 2) if inside is None else whole("inside", inside, most=MOST_NODES)
+    inside = (8 if any_shape else 2) if inside is None else whole("inside", inside, most=MOST_NODES)
     filter = NO_FILTER if weighting is None else _filter(weighting)
     holds = round(length / hold)
     if not 1 <= holds * inside <= MOST_NODES:
@@ -213,39 +213,36 @@ def hump_optimum(
 
 def _judged(
     car: Sampled,
-    found: Any,
+    found: Solution,
     objective: HumpObjective,
     shape: Shape,
     limit: float,
     duration: float,
 ) -> Headroom:
     """Return what the found force leaves and what the found multipliers prove."""
-    u = found.u if found.feasible else np.zeros(car.count)
-    x = car.motion(u)
-    value = float(np.linalg.norm(car.objective.at(x[:-1], u).ravel(), car.norm))
-    multipliers, held = found.multipliers, 0.0
+    multipliers = found.multipliers
     if found.feasible:
-        held = least(car, multipliers, any_shape=False)
+        u = found.u
+        x = car.motion(u)
+        value = float(np.linalg.norm(car.objective.at(x[:-1], u).ravel(), car.norm))
+        held = max(0.0, least(car, multipliers, any_shape=False))
         solved = value - held <= GAP
+        bound = max(0.0, least(car, multipliers, any_shape=True)) if shape == "any" else held
     else:
-        multipliers = Multipliers(
-            objective=np.zeros_like(multipliers.objective),
-            travel=multipliers.travel,
-            load=multipliers.load,
-            rate=multipliers.rate,
-        )
-        solved = least(car, multipliers, any_shape=False) > 0.0
+        u = np.zeros(car.count)
+        x = car.motion(u)
+        nothing = np.zeros_like(multipliers.objective)
+        multipliers = dataclasses.replace(multipliers, objective=nothing)
+        held = least(car, multipliers, any_shape=False)
+        solved = held > 0.0
+        value = bound = math.inf
+        if shape == "any" and least(car, multipliers, any_shape=True) <= 0.0:
+            bound = 0.0  # no force of so many pieces keeps the limits, and of others none is known
     if not solved:
         raise RuntimeError(
             f"the program was not solved (status {found.status}; {value:.3g} against a bound of "
             f"{held:.3g}); try another number of nodes inside or another duration"
         )
-    bound = held
-    if shape == "any":
-        bound = least(car, multipliers, any_shape=True)
-    bound = max(0.0, bound)
-    if not found.feasible:
-        value = bound = math.inf
     upper = _measured(car, x, u, duration) if found.feasible else math.inf
     nothing = np.zeros(car.count)
     return Headroom(
@@ -321,11 +318,13 @@ def _check_linear(scenario: Scenario) -> None:
 
 def _filter(weighting: Sequence[Any]) -> Filter:
     """Return a filter with balanced states."""
+    from scipy import signal  # slow to import
+
+    lti: Any = signal.lti
     try:
         given: Any = lti(*weighting).to_ss()
-        A, B, C, D = (
-            np.asarray(each, dtype=np.float64) for each in (given.A, given.B, given.C, given.D)
-        )
+        parts = (given.A, given.B, given.C, given.D)
+        A, B, C, D = (np.asarray(each, dtype=np.float64) for each in parts)
         sizes = B.shape[1], C.shape[0]
     except (TypeError, ValueError, AttributeError) as error:
         raise ValueError(
@@ -340,5 +339,5 @@ def _filter(weighting: Sequence[Any]) -> Filter:
     if A.size and np.linalg.eigvals(A).real.max() >= 0.0:
         raise ValueError(f"weighting must be stable, got {shown(weighting)}; give another filter")
     balanced: Any = matrix_balance(A, permute=False)
-    A, T = balanced
-    return Filter(A=A, B=np.linalg.solve(T, B[:, 0]), C=C[0] @ T, D=float(D[0, 0]))
+    T = balanced[1]
+    return Filter(A=balanced[0], B=np.linalg.solve(T, B[:, 0]), C=C[0] @ T, D=float(D[0, 0]))

@@ -17,7 +17,6 @@ limit, the tyre's load by the load at rest, e by the objective of the uncontroll
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -180,7 +179,10 @@ def sampled(
         raise ValueError(
             "nothing moves the car on this stretch; give a road with a hump, or a longer duration"
         )
-    scaled: Callable[[Rows], Rows] = lambda each: Rows(C=each.C * scale, D=each.D, free=each.free)
+
+    def scaled(each: Rows) -> Rows:
+        return Rows(C=each.C * scale, D=each.D, free=each.free)
+
     node = [PARTS * (j + 1) for j in range(inside)]
 
     def limited(row: Array, of_world: Array, by: float) -> tuple[Rows, Array]:
@@ -194,7 +196,7 @@ def sampled(
         at_load, node_load = limited(plant.load, plant.load_world, plant.load_at_rest)
     both = np.append(scale, reference / share)
     return Sampled(
-        t=begin + length * np.arange(count + 1),
+        t=begin + length * np.arange(count + 1, dtype=np.float64),
         A=A * scale / scale[:, np.newaxis],
         B=B / scale,
         drive=drive / scale,
