@@ -160,9 +160,9 @@ def test_the_proof_holds_when_it_is_computed_by_other_means(rate):
         moved = np.zeros((n + 1, 4))
         moved[k:] = pulse[: n + 1 - k]
         total -= force * abs(priced(moved, np.eye(n)[k], at_rest=True))
-    # The integrator's tolerances and the rounding that the certificate takes off itself.
-    print("AGREE", total / max(1.0, norm) / found.bound - 1.0)
-    assert total / max(1.0, norm) == pytest.approx(found.bound, rel=1e-7)
+    # The certificate takes 1e-10 of all its terms off itself, for rounding; they agree to 1e-12.
+    total /= max(1.0, norm)
+    assert found.bound <= total == pytest.approx(found.bound, rel=1e-8)
 
 
 def test_any_multipliers_give_a_bound_and_the_found_ones_the_best():
@@ -258,9 +258,9 @@ def test_no_random_force_is_below_the_bound_on_any_car(car, seed, km_h):
 
 def test_without_contact_and_travel_less_is_left():
     free = hump_optimum(SMALL, travel=None, contact=False)
-    short = hump_optimum(SMALL, travel=0.05)
+    short = hump_optimum(SMALL, travel=0.04)
     assert free.bound < short.bound
-    assert short.travel <= 0.05 * (1.0 + 1e-3)  # between the nodes
+    assert short.travel <= 0.04 * (1.0 + 2e-3)  # between the nodes
     assert short.load >= -1e-3 * G * (ESCORT.m1 + ESCORT.m2)
     rubber = case(ESCORT, RUBBER, 40.0)
     assert hump_optimum(rubber, force=1.0, contact=False, travel=None).load < 0.0

@@ -2,7 +2,8 @@
 
 The controlled plant is linear in state and force, so the smallest amplitude under ``|u_j| <= L_j``
 is a convex problem: a linear program (`program`) with a certificate (`certificate`), over a period
-of the steady motion (`period`) or over an episode (`episode`).
+of the steady motion (`period`) or over an episode (`episode`). `hump` asks for the least
+acceleration of the body on a hump, under limits of force, rate, travel and contact.
 """
 
 from qcar_env.analysis.optimum.episode import episode_optimum
