@@ -304,6 +304,15 @@ def test_the_bracket_of_forces_of_every_shape_closes(objective):
     assert coarse.bound > 0.9 * held.bound  # what 200 Hz costs is less
 
 
+@pytest.mark.parametrize("objective", ["peak_acceleration", "rms_acceleration", "vdv"])
+@pytest.mark.parametrize("rate", [None, 50_000.0])
+def test_forces_held_for_a_millisecond_stay_above_the_bound_of_every_shape(objective, rate):
+    every = hump_optimum(SMALL, objective, rate=rate, shape="any")
+    quick = hump_optimum(SMALL, objective, rate=rate, dt=0.001, inside=1)
+    assert every.bound <= quick.value
+    assert quick.value <= hump_optimum(SMALL, objective, rate=rate).value * 1.001  # dose: cells
+
+
 def test_a_rate_limit_binds_forces_of_every_shape_too():
     held, free = (hump_optimum(SMALL, rate=20_000.0, shape=each) for each in ("held", "any"))
     unlimited = hump_optimum(SMALL, shape="any")

@@ -17,7 +17,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -47,7 +47,7 @@ Shape = Literal["held", "any"]
 
 NORMS: dict[str, float] = {"peak_acceleration": math.inf, "rms_acceleration": 2.0, "vdv": 4.0}
 SHAPES = ("held", "any")
-GAP = 1e-3  # between program and bound, in objectives of the uncontrolled motion: else no solution
+GAP = 0.01  # between program and bound, in objectives of the uncontrolled motion: else no solution
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,8 +70,8 @@ class Headroom:
     t: Array  # (n + 1,) [s]: the force is held from each to the next
     x: Array  # (n + 1, 4) state [m, m, m/s, m/s]
     u: Array  # (n,) force on the body, and against the wheel [N]
-    multipliers: Multipliers  # of the proof, see `hump_certificate.least`
-    car: Sampled  # of the proof
+    multipliers: Multipliers = field(repr=False)  # of the proof, see `hump_certificate.least`
+    car: Sampled = field(repr=False)  # of the proof
     status: str  # the solver's own words
     iterations: int
 
@@ -152,8 +152,10 @@ def hump_optimum(
     Notes
     -----
     Limits are kept at the nodes, so that the bound holds as well where they are kept always; the
-    found force may pass them by a little in between (`Headroom.travel`, `Headroom.load`). The end
-    is free: a longer episode has no lower peak or dose.
+    found force may pass them by a little in between (`Headroom.travel`, `Headroom.load`). The peak
+    is that of every instant: one that is read at the control instants alone, on both sides of a
+    change of the force, belongs to ``inside=1``. The end is free: a longer episode has no lower
+    peak or dose.
     """
     scenario = find_scenario(scenario)
     norm = NORMS[known("objective", objective, tuple(NORMS))]

@@ -132,7 +132,10 @@ def sampled(
     parts = PARTS * inside
     plant = _Plant.of(scenario, filter, limit)
     fine = length / parts
-    maps = [expm(plant.full * (fine * j)) for j in range(parts + 1)]
+    one = expm(plant.full * fine)
+    maps = [np.eye(len(one))]
+    for _ in range(parts):
+        maps.append(one @ maps[-1])
     moved, world = plant.drive(begin, count * parts, fine)
     s = len(plant.matrix) - 1  # without q
     inner = np.zeros((count, parts + 1, s + 1))  # from rest at the interval's beginning
