@@ -155,7 +155,7 @@ def _imported(spec: str) -> Any:
         found: Any = importlib.import_module(module)
         for part in attribute.split("."):
             found = getattr(found, part)
-    except Exception as error:  # the module is the user's: whatever it raises
+    except (Exception, SystemExit) as error:  # the module is the user's: whatever it raises
         raise ValueError(
             f"no policy {spec!r}: {type(error).__name__}: {error}; "
             "give module:object as Python imports it from this folder"

@@ -181,10 +181,12 @@ def test_a_policy_that_fails_does_not_take_the_others_with_it(tmp_path, mine, ca
         ("{mine}:number", "'{mine}:number' is no policy: it has no predict"),
         ("{here}/cut.onnx", "cut.onnx is not an ONNX policy"),
         ("{here}", "no recipe.json in "),
+        ("{mine}_leaves:policy", "no policy '{mine}_leaves:policy': SystemExit: 0; give module:"),
     ],
 )
 def test_what_is_no_policy_is_refused_before_anything_is_run(tmp_path, mine, capsys, spec, message):
     (tmp_path / f"{mine}_broken.py").write_text("import this that", encoding="utf-8")
+    (tmp_path / f"{mine}_leaves.py").write_text("import sys; sys.exit(0)", encoding="utf-8")
     (tmp_path / "cut.onnx").write_bytes(b"cut")
     spec = spec.format(mine=mine, here=tmp_path)
     assert run(tmp_path / "out", "--baselines", "none", "--policy", spec) == 2
@@ -347,6 +349,36 @@ def test_a_policy_that_ends_the_program_ends_its_own_run_alone(tmp_path, mine, c
     assert errors["bench_ends:quits"] == "SystemExit: 0"
     if jobs == "2":
         assert errors["bench_ends:dies"] == "WorkerDiedError: its process ended with 0"
+
+
+def test_an_error_that_is_no_exception_or_has_no_text_stays_with_its_policy(tmp_path, mine):
+    text = """
+        import asyncio
+        from bench_policies import Steady
+
+        class Mute(Exception):
+            def __str__(self):
+                raise TypeError
+
+        class Cancelled(Steady):
+            def predict(self, *args, **kwargs):
+                raise asyncio.CancelledError("later")
+
+        class Says(Steady):
+            def predict(self, *args, **kwargs):
+                raise Mute
+
+        cancelled, says = Cancelled(), Says()
+    """
+    (tmp_path / "bench_odd.py").write_text(textwrap.dedent(text), encoding="utf-8")
+    policies = ["--policy", "bench_odd:cancelled", "--policy", "bench_odd:says"]
+    assert run(tmp_path / "out", "--baselines", "none", *policies) == 1
+    errors = {each["policy"]: each["error"] for each in read(tmp_path / "out")["failures"]}
+    assert errors == {
+        "bench_odd:cancelled": "CancelledError: later",
+        "bench_odd:says": "Mute: its message cannot be read",
+    }
+    assert {row["policy"] for row in read(tmp_path / "out")["rows"]} == {"none"}
 
 
 def test_two_benchmarks_do_not_write_one_folder(tmp_path, capsys):
