@@ -7,6 +7,9 @@ python scripts/benchmark.py --policy run/policy.onnx --force
 
 from __future__ import annotations
 
+from scripts import command  # first: it tells Ctrl-C in a line from here on
+
+# isort: split
 import argparse
 import os
 import sys
@@ -25,7 +28,6 @@ from qcar_env.evaluation import benchmark, leaderboard, robustness, storage  # n
 from qcar_env.evaluation.entry import entry_of  # noqa: E402
 from qcar_env.evaluation.tracks import TRACKS, track  # noqa: E402
 from qcar_env.validation import whole  # noqa: E402
-from scripts import command  # noqa: E402
 
 OPTIONS: command.Options = {
     "tracks": (

@@ -6,6 +6,9 @@ python scripts/compare.py --laws none cnvc lnvc --gains lnvc:G1=40,G2=40
 
 from __future__ import annotations
 
+from scripts import command  # first: it tells Ctrl-C in a line from here on
+
+# isort: split
 import argparse
 import dataclasses
 import sys
@@ -24,7 +27,6 @@ from qcar_env.plots import time_history
 from qcar_env.plots.style import journal, save
 from qcar_env.scenarios import SCENARIOS, Scenario, scenario as find_scenario
 from qcar_env.validation import finite, known, positive
-from scripts import command
 
 STEADY = 60.0  # [s] from rest; the paper's slow mode has a time constant of 4.8 s
 
