@@ -90,10 +90,12 @@ def _run(arguments: argparse.Namespace) -> int:
         jobs=arguments.jobs,
         progress=_progress,
     )
-    print("\n".join(["", *leaderboard.summary(outcome), ""]), flush=True)  # whatever follows
+    try:  # what cannot be written is still said, and what cannot be said is still written
+        names = leaderboard.write(out, outcome)
+    finally:
+        print("\n".join(["", *leaderboard.summary(outcome), ""]), flush=True)
     if not arguments.no_figures and outcome.rows:
         _draw(out / "figures", outcome)
-    names = leaderboard.write(out, outcome)
     if arguments.report:
         from qcar_env.report.benchmark import page
 

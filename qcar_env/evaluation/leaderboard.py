@@ -20,8 +20,7 @@ HEADER = (
     *("#", "policy", "gains", "reads", "rho", "95 % interval", "over the optimum"),
     *("worst 5 %", "worst", "above 1", "settled [s]", "P(< CNVC)"),
 )
-
-
+OTHERS = ("table.*", "report.html", "figures/*.png", "figures/*.pdf")  # that results may have
 _ENDS = ("lower", "upper")
 
 
@@ -84,6 +83,8 @@ def _robustness(outcome: Outcome) -> list[str]:
 def write(folder: Path, outcome: Outcome) -> list[str]:
     """Write leaderboard.md, result.json and the rows as table.csv, and table.parquet with pyarrow.
 
+    Tables, report and figures of older results go with them.
+
     Returns
     -------
     list of str
@@ -107,7 +108,7 @@ def write(folder: Path, outcome: Outcome) -> list[str]:
         "failures": [dataclasses.asdict(each) for each in outcome.failures],
         "rows": rows,
     }
-    storage.write_results(folder, files, result)
+    storage.write_results(folder, files, result, OTHERS)
     return [*files, "result.json"]
 
 

@@ -121,14 +121,31 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def write_results(
-    folder: Path, files: Mapping[str, str | bytes], result: Mapping[str, Any]
+    folder: Path,
+    files: Mapping[str, str | bytes],
+    result: Mapping[str, Any],
+    others: Sequence[str] = (),
 ) -> None:
     """Write files by name, and a record as result.json.
 
     The record is removed first and written last: where there is one, all files beside it are its
     own, even if a process was killed here.
+
+    Parameters
+    ----------
+    folder : Path
+        Where; it is made if it is absent.
+    files : mapping of str to str or bytes
+        Contents by name.
+    result : mapping
+        The record.
+    others : sequence of str
+        Patterns of what else an older record may have beside it, which is removed with it: what is
+        written after this one, or only sometimes.
     """
     (folder / "result.json").unlink(missing_ok=True)
+    for each in [path for pattern in others for path in folder.glob(pattern)]:
+        each.unlink()
     for name, content in files.items():
         with replacing(folder / name) as temporary:
             temporary.write_bytes(content.encode() if isinstance(content, str) else content)

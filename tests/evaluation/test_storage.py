@@ -136,6 +136,16 @@ def test_a_record_stands_beside_its_own_files_alone(tmp_path, monkeypatch):
     assert not [each for each in tmp_path.iterdir() if each.name.startswith(".")]
 
 
+def test_what_an_older_record_had_beside_it_goes_with_it(tmp_path):
+    for name in ("report.html", "figures/old.png", "figures/mine.txt", "notes.md"):
+        storage.write_text(tmp_path / name, "old")
+    storage.write_results(tmp_path, {"a.md": "x"}, {"run": 2}, ["report.html", "figures/*.png"])
+    there = {
+        each.relative_to(tmp_path).as_posix() for each in tmp_path.rglob("*") if each.is_file()
+    }
+    assert there == {"a.md", "result.json", "figures/mine.txt", "notes.md"}
+
+
 def test_two_writers_of_one_folder_are_told_apart(tmp_path):
     with (
         storage.held(tmp_path),

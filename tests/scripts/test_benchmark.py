@@ -1,9 +1,11 @@
 """scripts/benchmark.py: results, failures that stay where they happened, and what it refuses."""
 
+import contextlib
 import json
 import sys
 import textwrap
 from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -379,6 +381,38 @@ def test_an_error_that_is_no_exception_or_has_no_text_stays_with_its_policy(tmp_
         "bench_odd:says": "Mute: its message cannot be read",
     }
     assert {row["policy"] for row in read(tmp_path / "out")["rows"]} == {"none"}
+
+
+def test_figures_and_report_of_an_older_benchmark_do_not_stay_beside_the_new_record(tmp_path):
+    for name in ("report.html", "table.parquet", "figures/frontier.png", "notes.md"):
+        storage.write_text(tmp_path / name, "old")
+    assert run(tmp_path, "--baselines", "none") == 0
+    there = {each.name for each in tmp_path.rglob("*") if each.is_file()} - {"table.parquet"}
+    assert there == {"leaderboard.md", "table.csv", "result.json", "notes.md"}
+    assert not any(each.read_bytes() == b"old" for each in tmp_path.glob("table.*"))
+
+
+def test_figures_that_cannot_be_drawn_lose_no_results(tmp_path, monkeypatch, capsys):
+    def draw(folder, outcome):
+        storage.write_text(folder / "frontier.png", "new")
+        assert not (folder / "old.png").exists()
+        raise ValueError("a formula that is none")
+
+    storage.write_text(tmp_path / "figures" / "old.png", "old")
+    monkeypatch.setattr(benchmark, "_draw", draw)
+    given = ["--jobs", "1", "--out", str(tmp_path), "--tracks", "short", "--baselines", "none"]
+    assert benchmark.main(given) == 2
+    assert "benchmark: a formula that is none" in capsys.readouterr().err
+    assert len(read(tmp_path)["rows"]) == 10
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
+def test_an_output_that_nobody_takes_loses_no_results(tmp_path, monkeypatch, capsys):
+    with contextlib.suppress(OSError), open("/dev/full", "w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        assert run(tmp_path, "--baselines", "none") == 2
+    assert "benchmark: No space left on device" in capsys.readouterr().err
+    assert len(read(tmp_path)["rows"]) == 10
 
 
 def test_two_benchmarks_do_not_write_one_folder(tmp_path, capsys):

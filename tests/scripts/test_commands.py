@@ -186,9 +186,15 @@ def test_output_that_nobody_takes_is_told_in_a_line():
         "from scripts import command; "
         "raise SystemExit(command.main('it', '', {}, lambda arguments: print('done'))([]))"
     )
+    buffered = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
     with open("/dev/full", "w") as full:
         found = subprocess.run(
-            [sys.executable, "-c", run], cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-c", run],
+            cwd=ROOT,
+            env=buffered,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
         )
     assert (found.returncode, found.stderr) == (2, "it: No space left on device\n")
 
