@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> None:
     film = film_of(arguments)
     out = arguments.out
     if out is None and not _has_display():
-        names = "-vs-".join((arguments.policy, *arguments.vs))
+        names = "-vs-".join(Path(each).name for each in (arguments.policy, *arguments.vs))
         out = Path("results/watch") / f"{names}.mp4"
     if out is None:
         show(film)

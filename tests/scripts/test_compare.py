@@ -94,6 +94,14 @@ def test_a_hump_is_compared_over_the_whole_crossing_and_run_again_in_the_same_fo
     assert result["scenario"]["actuator"]["limit"] == [200.0]
 
 
+@pytest.mark.parametrize("duration", ["0.005", "0.01", "0.1"])
+def test_a_hump_is_compared_and_reported_over_as_little_as_one_interval(tmp_path, duration):
+    pytest.importorskip("plotly")
+    given = ["--scenario", "paper-hump", "--laws", "none", "lnvc", "--duration", duration]
+    assert run(tmp_path, *given, "--report") == 0
+    assert (tmp_path / "report.html").stat().st_size > 1000
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
