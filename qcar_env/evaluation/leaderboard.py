@@ -32,7 +32,8 @@ def summary(outcome: Outcome) -> list[str]:
 
 def leaderboard(outcome: Outcome) -> str:
     """Return the result as Markdown."""
-    lines = ["# Leaderboard", "", "## What is found", "", *summary(outcome)]
+    found = map(tables.plain, summary(outcome))  # errors have any words
+    lines = ["# Leaderboard", "", "## What is found", "", *found]
     lines += [
         "",
         "rho is the share of the uncontrolled amplitude that is left, the larger of wheel and "

@@ -124,6 +124,22 @@ def test_a_folder_in_a_files_place_and_a_long_name_are_refused(tmp_path):
             check(tmp_path / ("a" * 300))
 
 
+def test_a_link_to_nowhere_or_itself_a_long_path_and_bytes_are_refused(tmp_path):
+    (tmp_path / "nowhere").symlink_to(tmp_path / "absent")
+    (tmp_path / "round").symlink_to(tmp_path / "round")
+    for name, message in (
+        ("nowhere", r"--out must not be a link to nowhere, got .*nowhere; remove it"),
+        ("nowhere/deeper", r"--out must not be a link to nowhere, got .*nowhere; remove it"),
+        ("round", r"--out must not be a link to nowhere, got .*round; remove it"),
+        ("a/" * 5000, r"--out must be a path of at most 3856 bytes, got .*; give a shorter one"),
+        ("\udcff", r"--out must have names that are text, got '\\udcff'; rename it"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            storage.check_folder(tmp_path / name)
+    for name in ("größer", "a\u00a0b", "车"):
+        storage.check_folder(tmp_path / name)
+
+
 def test_a_record_stands_beside_its_own_files_alone(tmp_path, monkeypatch):
     """A process that is killed while it writes leaves no record, so that none is of another run."""
     storage.write_results(tmp_path, {"a.md": "first", "b.bin": b"1"}, {"run": 1})
