@@ -142,7 +142,7 @@ def _from_module(spec: str, scenario: Scenario, track: Track | None, force_scale
 def _loaded(path: Path) -> Agent | OnnxPolicy:
     try:
         return OnnxPolicy(path) if path.suffix == ".onnx" else Agent(path)
-    except RuntimeError as error:  # onnxruntime is not installed
+    except RuntimeError as error:  # onnxruntime or onnx is not installed
         raise ValueError(f"no policy {path}: {error}") from error
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from baselines import catalogue
 from qcar_env.evaluation import benchmark, leaderboard
-from qcar_env.evaluation.benchmark import run
+from qcar_env.evaluation.benchmark import Failure, run
 from qcar_env.evaluation.bounds import optimum_of
 from qcar_env.evaluation.score import Row, for_track, score
 from qcar_env.evaluation.standings import findings, standings
@@ -162,3 +162,11 @@ def test_the_optimum_is_found_here_if_its_worker_died(monkeypatch):
     found = run([CROSSING], [catalogue.entry("none")], jobs=2)
     assert len(found.bounds[("hump", 0.5)]) == 3
     assert {row.policy for row in found.rows} == {"none"}
+
+
+def test_the_words_of_an_error_do_not_hide_the_rest_of_a_leaderboard():
+    words = {"policy": "mine", "track": "hump", "error": "E: <!-- `|", "details": ""}
+    failed = Failure(force_scale=1.0, **words)
+    found = dataclasses.replace(run([CROSSING], [catalogue.entry("none")]), failures=(failed,))
+    assert "<!--" not in leaderboard.leaderboard(found).replace("\\<", "")
+    assert f"- {failed}" in leaderboard.summary(found)

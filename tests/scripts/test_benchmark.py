@@ -12,6 +12,7 @@ import pytest
 
 import agents
 from qcar_env.evaluation import storage, tracks
+from qcar_env.evaluation.agent import OnnxPolicy
 from qcar_env.evaluation.tracks import Track
 from scripts import benchmark
 
@@ -316,6 +317,51 @@ def test_a_network_that_loops_or_reads_other_files_is_refused(tmp_path, capsys):
         assert run(tmp_path / "out", *arguments) == 2
         assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def linear(onnx):
+    """Return a network that is a product with a matrix."""
+    helper, FLOAT = onnx.helper, onnx.TensorProto.FLOAT
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", ["observation", "gain"], ["action"])],
+        "linear",
+        [helper.make_tensor_value_info("observation", FLOAT, ["n", 4])],
+        [helper.make_tensor_value_info("action", FLOAT, ["n", 2])],
+        [onnx.numpy_helper.from_array(np.zeros((4, 2), np.float32), "gain")],
+    )
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+
+
+def test_a_loop_is_found_however_its_name_is_packed_and_in_whatever_holds_it(tmp_path):
+    """Protobuf reads a length of 4 as one byte or as several; a function is beside the graph."""
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    loop = onnx.helper.make_node("Loop", ["", "true", "y"], ["z"], name="node")
+    packed = linear(onnx)
+    plain = loop.SerializeToString()
+    longer = plain.replace(b"\x22\x04Loop", b"\x22\x84\x00Loop")
+    assert len(longer) == len(plain) + 1
+    node = b"\x0a" + bytes([len(longer)]) + longer  # GraphProto.node
+    graph = b"\x3a" + bytes([len(node)]) + node  # ModelProto.graph, which adds to the one before
+    (tmp_path / "packed.onnx").write_bytes(packed.SerializeToString() + graph)
+    held = linear(onnx)
+    domain = [onnx.helper.make_opsetid("", 17)]
+    held.functions.append(
+        onnx.helper.make_function("mine", "F", ["y"], ["z"], [loop], opset_imports=domain)
+    )
+    onnx.save(held, tmp_path / "held.onnx")
+    for name in ("packed", "held"):
+        with pytest.raises(ValueError, match=f"{name}.onnx must be a network without a Loop"):
+            OnnxPolicy(tmp_path / f"{name}.onnx")
+
+
+def test_a_network_whose_notes_name_a_location_enters(tmp_path):
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    model = linear(onnx)
+    onnx.helper.set_model_props(model, {"location": "Berlin", "made of": '"\x04Loop'})
+    onnx.save(model, tmp_path / "noted.onnx")
+    assert OnnxPolicy(tmp_path / "noted.onnx").size == 4
 
 
 @pytest.mark.parametrize("jobs", ["1", "2"])
