@@ -1,4 +1,4 @@
-"""The shipped agents, by name. Needs onnxruntime, not torch.
+"""The shipped agents, by name. Needs onnxruntime and onnx, not torch.
 
 from agents.load import load
 policy = load("sac-paper")
@@ -61,8 +61,8 @@ def load(agent: str | Path) -> Agent:
 
 
 def entries() -> tuple[Entry, ...]:
-    """Return the shipped agents as entries; none where onnxruntime is absent."""
-    if importlib.util.find_spec("onnxruntime") is None:
+    """Return the shipped agents as entries; none where onnxruntime or onnx is absent."""
+    if not all(map(importlib.util.find_spec, ("onnxruntime", "onnx"))):
         return ()
     return tuple(_entry(name, read_recipe(PRETRAINED / name)) for name in names())
 

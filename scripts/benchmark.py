@@ -7,6 +7,9 @@ python scripts/benchmark.py --policy run/policy.onnx --force
 
 from __future__ import annotations
 
+from scripts import command  # first: it tells Ctrl-C in a line from here on
+
+# isort: split
 import argparse
 import os
 import sys
@@ -25,7 +28,6 @@ from qcar_env.evaluation import benchmark, leaderboard, robustness, storage  # n
 from qcar_env.evaluation.entry import entry_of  # noqa: E402
 from qcar_env.evaluation.tracks import TRACKS, track  # noqa: E402
 from qcar_env.validation import whole  # noqa: E402
-from scripts import command  # noqa: E402
 
 OPTIONS: command.Options = {
     "tracks": (
@@ -88,10 +90,12 @@ def _run(arguments: argparse.Namespace) -> int:
         jobs=arguments.jobs,
         progress=_progress,
     )
-    print("\n".join(["", *leaderboard.summary(outcome), ""]), flush=True)  # whatever follows
+    try:  # what cannot be written is still said, and what cannot be said is still written
+        names = leaderboard.write(out, outcome)
+    finally:
+        print("\n".join(["", *leaderboard.summary(outcome), ""]), flush=True)
     if not arguments.no_figures and outcome.rows:
         _draw(out / "figures", outcome)
-    names = leaderboard.write(out, outcome)
     if arguments.report:
         from qcar_env.report.benchmark import page
 

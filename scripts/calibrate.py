@@ -6,6 +6,9 @@ python scripts/calibrate.py --omegas 40 55 70
 
 from __future__ import annotations
 
+from scripts import command  # first: it tells Ctrl-C in a line from here on
+
+# isort: split
 import argparse
 import sys
 from collections import Counter
@@ -23,7 +26,6 @@ from qcar_env.control import CNVC
 from qcar_env.evaluation import storage
 from qcar_env.scenarios import scenario
 from qcar_env.validation import positive
-from scripts import command
 
 OMEGAS = (26.0, 33.0, 40.0, 47.0, 55.0, 60.0, 66.0)  # [rad/s]
 

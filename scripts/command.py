@@ -1,10 +1,18 @@
-"""What all commands share: options as a table, what is refused, and progress."""
+"""What all commands share: options as a table, how they end, and progress.
+
+Commands import this file before all others: Ctrl-C while those are imported, which takes seconds,
+is told in a line from here on.
+"""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import os
+import signal
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import threading
+from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,7 +50,7 @@ def main(
     """Return a command: it does its work, and returns 2 after a line on what is refused.
 
     What a disk refuses and too little memory are told in a line too. Ctrl-C ends it with 130, after
-    the words of the ``KeyboardInterrupt``, if there are any.
+    the words of the ``KeyboardInterrupt``, if there are any; a termination likewise with 143.
 
     Parameters
     ----------
@@ -58,25 +66,62 @@ def main(
 
     def run(argv: Sequence[str] | None = None) -> int:
         arguments = parser(description, options).parse_args(argv)
+        told: list[int] = []
         try:
-            return work(arguments) or 0
+            with _unwinding(told):
+                status = work(arguments) or 0
+                sys.stdout.flush()  # what it refuses is told here, not after the end
+                return status
         except (ValueError, *errors) as error:
-            return _refused(name, str(error))
+            return _ended(name, str(error), 2)
         except OSError as error:
             where = "" if error.filename is None else f": {error.filename}"
-            return _refused(name, f"{error.strerror or error}{where}")
+            return _ended(name, f"{error.strerror or error}{where}", 2)
         except MemoryError as error:
-            return _refused(name, f"not enough memory ({error}); ask for less")
+            return _ended(name, f"not enough memory ({error}); ask for less", 2)
         except KeyboardInterrupt as interrupt:
-            print(f"\n{name}: interrupted. {interrupt}".rstrip(), file=sys.stderr)
-            return 130
+            number = told[-1] if told else signal.SIGINT
+            how = "terminated" if number == signal.SIGTERM else "interrupted"
+            print(file=sys.stderr)  # after a progress bar, or ^C
+            return _ended(name, f"{how}. {interrupt}", 128 + number)
 
     return run
 
 
-def _refused(name: str, why: str) -> int:
-    print(f"{name}: {why}", file=sys.stderr)
-    return 2
+@contextlib.contextmanager
+def _unwinding(told: list[int]) -> Generator[None, None, None]:
+    """Let Ctrl-C and a termination raise KeyboardInterrupt, so that nothing half-written stays.
+
+    A signal that is ignored, as Ctrl-C is by what a shell runs in the background, still is.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield  # no other may say what a signal does
+        return
+
+    def unwind(number: int, frame: Any) -> None:
+        told.append(number)
+        raise KeyboardInterrupt
+
+    before = {each: signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)}
+    heard = {each: was for each, was in before.items() if was not in (signal.SIG_IGN, None)}
+    for each in heard:
+        signal.signal(each, unwind)
+    try:
+        yield
+    finally:
+        for each, was in heard.items():
+            signal.signal(each, was)
+
+
+def _ended(name: str, why: str, status: int) -> int:
+    """Say in one line why a command ends, and return its status."""
+    try:
+        sys.stdout.flush()
+    except OSError:  # what is left to print cannot be, so nothing tries again at the exit
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), sys.stdout.fileno())
+    print(f"{name}: {' '.join(why.split())}", file=sys.stderr)
+    return status
 
 
 def say(text: str) -> None:
@@ -87,3 +132,14 @@ def say(text: str) -> None:
 def left(spent: float, done: int, total: int) -> float:
     """Return the time that the rest will take, if it goes on like this [s]."""
     return spent / done * (total - done)
+
+
+def _quit(number: int, frame: Any) -> None:
+    print("interrupted.", file=sys.stderr, flush=True)
+    os._exit(128 + number)  # nothing is begun, and an exception here may be lost in an import
+
+
+_main = getattr(sys.modules["__main__"], "__file__", None)
+if _main is not None and Path(_main).resolve().parent == Path(__file__).resolve().parent:
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, _quit)

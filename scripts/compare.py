@@ -6,6 +6,9 @@ python scripts/compare.py --laws none cnvc lnvc --gains lnvc:G1=40,G2=40
 
 from __future__ import annotations
 
+from scripts import command  # first: it tells Ctrl-C in a line from here on
+
+# isort: split
 import argparse
 import dataclasses
 import sys
@@ -24,7 +27,6 @@ from qcar_env.plots import time_history
 from qcar_env.plots.style import journal, save
 from qcar_env.scenarios import SCENARIOS, Scenario, scenario as find_scenario
 from qcar_env.validation import finite, known, positive
-from scripts import command
 
 STEADY = 60.0  # [s] from rest; the paper's slow mode has a time constant of 4.8 s
 
@@ -72,7 +74,7 @@ def run(arguments: argparse.Namespace) -> None:
     length = STEADY if endless else base.duration
     if arguments.duration is not None:
         length = positive("duration", arguments.duration, "s")
-    storage.check_folder(out, "table.csv", "result.json", "time_histories.png", "report.html")
+    storage.check_folder(out, "table.csv", "result.json", *comparison.OTHERS)
     gains = _gains(arguments.gains)
     entries = [catalogue.entry(name, **gains.get(name, {})) for name in dict.fromkeys(laws)]
     for name in gains:
@@ -84,17 +86,17 @@ def run(arguments: argparse.Namespace) -> None:
     used = {each: {**catalogue.describe(each)["gains"], **gains.get(each, {})} for each in laws}
     with storage.held(out, wait=60.0):
         comparison.write(out, found, used)
-    print(f"written to {out}: table.csv, result.json")
-    with journal():
-        figure = time_history.comparison(found)
-        if figure is not None:
-            save(figure, out / "time_histories")
-            print(f"written to {out}: time_histories.png, time_histories.pdf")
-    if arguments.report:
-        from qcar_env.report.comparison import page
+        print(f"written to {out}: table.csv, result.json")
+        with journal():
+            figure = time_history.comparison(found)
+            if figure is not None:
+                save(figure, out / "time_histories")
+                print(f"written to {out}: time_histories.png, time_histories.pdf")
+        if arguments.report:
+            from qcar_env.report.comparison import page
 
-        command.say("writing the report")
-        print(f"report: {page(out / 'report.html', found)}")
+            command.say("writing the report")
+            print(f"report: {page(out / 'report.html', found)}")
 
 
 def _agents(scenario: Scenario) -> list[Entry]:

@@ -5,6 +5,9 @@ python scripts/fidelity.py
 
 from __future__ import annotations
 
+from scripts import command  # first: it tells Ctrl-C in a line from here on
+
+# isort: split
 import argparse
 import sys
 from functools import partial
@@ -13,7 +16,6 @@ from pathlib import Path
 from qcar_env.evaluation import storage
 from qcar_env.report.fidelity import page
 from qcar_env.scenarios import scenario
-from scripts import command
 
 OPTIONS: command.Options = {
     "preset": ("paper", "scenario to compare with the paper"),

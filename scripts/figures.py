@@ -6,6 +6,9 @@ python scripts/figures.py --only 4 14 accuracy --quick
 
 from __future__ import annotations
 
+from scripts import command  # first: it tells Ctrl-C in a line from here on
+
+# isort: split
 import argparse
 import sys
 import time
@@ -23,7 +26,6 @@ from qcar_env.plots.paper import FIGURES, Subject
 from qcar_env.plots.style import journal, save
 from qcar_env.scenarios import Scenario, scenario
 from qcar_env.validation import known
-from scripts import command
 
 TABLE = "table1"
 NAMES = (*FIGURES, TABLE)

@@ -17,13 +17,15 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
+from scripts import command  # first: it tells Ctrl-C in a line from here on
+
+# isort: split
 from agents.learning import collect, levels, report
 from agents.recipes import RECIPES
 from baselines.tune import best
 from qcar_env.evaluation.storage import check_folder, replacing, write_csv, write_text
 from qcar_env.plots.learning import recipes as draw
 from qcar_env.validation import whole
-from scripts import command
 
 OPTIONS: command.Options = {
     "recipes": (str, "recipes to report (default: all with runs)", {"nargs": "+"}),

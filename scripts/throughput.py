@@ -9,6 +9,9 @@ and quartiles are printed.
 
 from __future__ import annotations
 
+from scripts import command  # first: it tells Ctrl-C in a line from here on
+
+# isort: split
 import argparse
 import json
 from collections.abc import Mapping
@@ -20,7 +23,6 @@ from qcar_env.engine.closed_loop import cores
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.throughput.result import measure, table
 from qcar_env.validation import whole
-from scripts import command
 
 OPTIONS: command.Options = {
     "rounds": (11, "interleaved rounds (default: %(default)s)"),

@@ -6,6 +6,9 @@ python scripts/tune.py --track budget --force-scale 0.5 --baselines lnvc state -
 
 from __future__ import annotations
 
+from scripts import command  # first: it tells Ctrl-C in a line from here on
+
+# isort: split
 import argparse
 import sys
 import time
@@ -14,7 +17,6 @@ from baselines import catalogue, tune
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.tracks import TRACKS, track
 from qcar_env.validation import known, positive, whole
-from scripts import command
 
 DEFAULT_TRACKS = ("budget", "randomised")  # the other two have the same scenario as `budget`
 

@@ -10,6 +10,9 @@ policies begin to act after half a second.
 
 from __future__ import annotations
 
+from scripts import command  # first: it tells Ctrl-C in a line from here on
+
+# isort: split
 import argparse
 import os
 import sys
@@ -21,7 +24,6 @@ from qcar_env.evaluation.entry import Entry, entry_of
 from qcar_env.plots.film import Film, show, write
 from qcar_env.scenarios import SCENARIOS, scenario as find_scenario
 from qcar_env.validation import known
-from scripts import command
 
 
 def policies() -> dict[str, Entry]:
@@ -69,7 +71,7 @@ def run(arguments: argparse.Namespace) -> None:
     film = film_of(arguments)
     out = arguments.out
     if out is None and not _has_display():
-        names = "-vs-".join((arguments.policy, *arguments.vs))
+        names = "-vs-".join(Path(each).name for each in (arguments.policy, *arguments.vs))
         out = Path("results/watch") / f"{names}.mp4"
     if out is None:
         show(film)

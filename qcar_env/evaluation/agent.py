@@ -1,12 +1,13 @@
 """Policies from files: a bare ONNX file, and a trained agent, a folder with one and its recipe.
 
-Both need onnxruntime, not torch.
+Both need onnxruntime, and onnx to see what is in a file, not torch.
 """
 
 from __future__ import annotations
 
 import importlib
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ class OnnxPolicy:
     ValueError
         If the file is absent or no policy, or its input has no size that an observation has.
     RuntimeError
-        If onnxruntime is not installed.
+        If onnxruntime or onnx is not installed.
 
     Notes
     -----
@@ -39,10 +40,10 @@ class OnnxPolicy:
 
     def __init__(self, path: Path) -> None:
         try:
-            runtime = importlib.import_module("onnxruntime")
+            runtime, onnx = map(importlib.import_module, ("onnxruntime", "onnx"))
         except ImportError:
             raise RuntimeError(
-                "an ONNX policy needs onnxruntime: pip install 'qcar_env[run]'"
+                "an ONNX policy needs onnxruntime and onnx: pip install 'qcar_env[run]'"
             ) from None
         if not path.is_file():
             raise ValueError(f"no file {path}; give the path of an ONNX file")
@@ -50,16 +51,17 @@ class OnnxPolicy:
         options.intra_op_num_threads = 1  # a small net is slower on two
         options.log_severity_level = 3
         content = path.read_bytes()
-        _check_plain(path, content)
+        try:
+            model = onnx.load_model_from_string(content)
+        except Exception as error:  # protobuf has two parsers, each with its own
+            raise _damaged(path, error) from error
+        _check_plain(path, model)
         try:
             self._session: Any = runtime.InferenceSession(
                 content, options, providers=["CPUExecutionProvider"]
             )
         except Exception as error:  # onnxruntime has no common class of its own
-            raise ValueError(
-                f"{path} is not an ONNX policy, it may be cut off ({type(error).__name__}); "
-                "export it again or fetch the file again"
-            ) from error
+            raise _damaged(path, error) from error
         self._input = self._session.get_inputs()[0]
         sizes = {
             len(observed(observe, limit)): (observe, limit)
@@ -114,20 +116,36 @@ class OnnxPolicy:
         return action.reshape(*seen.shape[:-1], size), None
 
 
-def _check_plain(path: Path, content: bytes) -> None:
-    """Refuse a network that can run for ever, or reads other files.
+def _damaged(path: Path, error: Exception) -> ValueError:
+    return ValueError(
+        f"{path} is not an ONNX policy, it may be cut off ({type(error).__name__}); "
+        "export it again or fetch the file again"
+    )
 
-    Both are told by the bytes of their fields: onnx, which could list them, comes with torch alone.
-    """
-    if b"\x22\x04Loop" in content:  # NodeProto.op_type
-        raise ValueError(
-            f"{path} must be a network without a Loop, which could run for ever; export it unrolled"
-        )
-    if b"\x0a\x08location" in content:  # TensorProto.external_data
-        raise ValueError(
-            f"{path} must hold its own weights, but they are in another file; save it with them: "
-            "onnx.save(onnx.load(path), path, save_as_external_data=False)"
-        )
+
+def _check_plain(path: Path, model: Any) -> None:
+    """Refuse a network that can run for ever, or reads other files."""
+    for part in _parts(model):
+        kind = part.DESCRIPTOR.name
+        if kind == "NodeProto" and part.op_type == "Loop":
+            raise ValueError(
+                f"{path} must be a network without a Loop, which could run for ever; export it "
+                "unrolled"
+            )
+        if kind == "TensorProto" and (part.data_location or part.external_data):
+            raise ValueError(
+                f"{path} must hold its own weights, but they are in another file; save it with "
+                "them: onnx.save(onnx.load(path), path, save_as_external_data=False)"
+            )
+
+
+def _parts(message: Any) -> Iterator[Any]:
+    """Yield a message of protobuf and all that it is made of, whatever holds it."""
+    yield message
+    for field, value in message.ListFields():
+        if field.message_type is not None:
+            for each in (value,) if hasattr(value, "ListFields") else value:
+                yield from _parts(each)
 
 
 class Agent:
@@ -143,7 +161,7 @@ class Agent:
     ValueError
         If a file is absent, cut off or not what its name says.
     RuntimeError
-        If onnxruntime is not installed.
+        If onnxruntime or onnx is not installed.
     """
 
     def __init__(self, folder: Path) -> None:

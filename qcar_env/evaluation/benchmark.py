@@ -171,9 +171,8 @@ def run(
         with closing(each_done(tasks, jobs)) as done:
             for index, part, error in done:
                 if first <= index < first + len(units):
-                    if error is not None:
-                        raise error
-                    optima[index] = part
+                    # an error: whatever ended that worker, policies that have run stay counted
+                    optima[index] = tasks[index]() if error else part
                 else:
                     each = order[index if index < first else index - len(units)]
                     # an error: the worker itself died
@@ -218,7 +217,9 @@ def _enter(entry: Entry, tracks: Sequence[Track], seed: int | None) -> _Part:
             if key not in done:  # tracks that show the same episodes are run once
                 done[key] = score(policy, track, scale, name=entry.name, kind=entry.kind, seed=seed)
             scores[(track.name, scale)] = for_track(done[key], track)
-        except (Exception, SystemExit) as error:  # a policy does not end the benchmark
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # not even SystemExit of a policy ends the benchmark
             failures.append(_failure(entry.name, track.name, scale, error))
     return _Part(scores=scores, failures=tuple(failures))
 
@@ -233,7 +234,10 @@ def _all_failed(entry: Entry, tracks: Sequence[Track], error: BaseException) -> 
 
 
 def _failure(policy: str, track: str, scale: float, error: BaseException) -> Failure:
-    text = " ".join(str(error).split()) or "no message"
+    try:
+        text = " ".join(str(error).split()) or "no message"
+    except Exception:  # the error is the policy's own
+        text = "its message cannot be read"
     return Failure(
         policy=policy,
         track=track,

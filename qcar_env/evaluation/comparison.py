@@ -25,6 +25,7 @@ from qcar_env.scenarios import Scenario
 from qcar_env.scenarios.files import as_record
 
 PERIODS = 5  # at the end of an episode on a harmonic road, over which amplitudes are taken
+OTHERS = ("time_histories.png", "time_histories.pdf", "report.html")  # that results may have
 START = "at rest, phase 0; nothing is drawn, so there is no seed"
 
 
@@ -101,7 +102,7 @@ def text(comparison: Comparison) -> str:
 
 
 def write(folder: Path, comparison: Comparison, gains: Mapping[str, Mapping[str, float]]) -> None:
-    """Write table.csv and result.json.
+    """Write table.csv and result.json; figure and report of an older comparison go with it.
 
     Parameters
     ----------
@@ -134,7 +135,7 @@ def write(folder: Path, comparison: Comparison, gains: Mapping[str, Mapping[str,
         "optimum": best
         and {"rho": best.upper, "bound": best.bound, "amplitudes_m": best.amplitudes},
     }
-    storage.write_results(folder, {"table.csv": storage.as_csv(rows)}, result)
+    storage.write_results(folder, {"table.csv": storage.as_csv(rows)}, result, OTHERS)
 
 
 def _record(found: Outcome) -> dict[str, Any]:

@@ -142,7 +142,7 @@ def _from_module(spec: str, scenario: Scenario, track: Track | None, force_scale
 def _loaded(path: Path) -> Agent | OnnxPolicy:
     try:
         return OnnxPolicy(path) if path.suffix == ".onnx" else Agent(path)
-    except RuntimeError as error:  # onnxruntime is not installed
+    except RuntimeError as error:  # onnxruntime or onnx is not installed
         raise ValueError(f"no policy {path}: {error}") from error
 
 
@@ -155,7 +155,7 @@ def _imported(spec: str) -> Any:
         found: Any = importlib.import_module(module)
         for part in attribute.split("."):
             found = getattr(found, part)
-    except Exception as error:  # the module is the user's: whatever it raises
+    except (Exception, SystemExit) as error:  # the module is the user's: whatever it raises
         raise ValueError(
             f"no policy {spec!r}: {type(error).__name__}: {error}; "
             "give module:object as Python imports it from this folder"

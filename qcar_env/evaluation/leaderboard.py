@@ -20,8 +20,7 @@ HEADER = (
     *("#", "policy", "gains", "reads", "rho", "95 % interval", "over the optimum"),
     *("worst 5 %", "worst", "above 1", "settled [s]", "P(< CNVC)"),
 )
-
-
+OTHERS = ("table.*", "report.html", "figures/*.png", "figures/*.pdf")  # that results may have
 _ENDS = ("lower", "upper")
 
 
@@ -33,7 +32,8 @@ def summary(outcome: Outcome) -> list[str]:
 
 def leaderboard(outcome: Outcome) -> str:
     """Return the result as Markdown."""
-    lines = ["# Leaderboard", "", "## What is found", "", *summary(outcome)]
+    found = map(tables.plain, summary(outcome))  # errors have any words
+    lines = ["# Leaderboard", "", "## What is found", "", *found]
     lines += [
         "",
         "rho is the share of the uncontrolled amplitude that is left, the larger of wheel and "
@@ -84,6 +84,8 @@ def _robustness(outcome: Outcome) -> list[str]:
 def write(folder: Path, outcome: Outcome) -> list[str]:
     """Write leaderboard.md, result.json and the rows as table.csv, and table.parquet with pyarrow.
 
+    Tables, report and figures of older results go with them.
+
     Returns
     -------
     list of str
@@ -107,7 +109,7 @@ def write(folder: Path, outcome: Outcome) -> list[str]:
         "failures": [dataclasses.asdict(each) for each in outcome.failures],
         "rows": rows,
     }
-    storage.write_results(folder, files, result)
+    storage.write_results(folder, files, result, OTHERS)
     return [*files, "result.json"]
 
 

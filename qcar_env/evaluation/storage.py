@@ -22,6 +22,7 @@ from filelock import FileLock, Timeout
 from qcar_env.validation import shown
 
 LONGEST_NAME = 240  # [B] of a file: what file systems take, less what a temporary name adds
+LONGEST_PATH = 4096  # [B] Linux's PATH_MAX; others take less, and say so when they write
 PACKAGES = ("numpy", "scipy", "numba", "gymnasium", "torch", "stable-baselines3", "onnxruntime")
 
 
@@ -33,6 +34,16 @@ def check_folder(path: Path, *files: str) -> None:
                 f"--out must have names of at most {LONGEST_NAME} bytes, got {shown(part)}; give "
                 "a shorter one"
             )
+        if part != part.encode(errors="replace").decode():
+            raise ValueError(f"--out must have names that are text, got {shown(part)}; rename it")
+    if len(os.fsencode(path.absolute())) + LONGEST_NAME > LONGEST_PATH:
+        raise ValueError(
+            f"--out must be a path of at most {LONGEST_PATH - LONGEST_NAME} bytes, got "
+            f"{shown(str(path))}; give a shorter one"
+        )
+    for each in (path, *path.parents):
+        if os.path.islink(each) and not os.path.exists(each):
+            raise ValueError(f"--out must not be a link to nowhere, got {each}; remove it")
     there = next(each for each in (path, *path.absolute().parents) if os.path.exists(each))
     if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
         raise ValueError(
@@ -121,14 +132,31 @@ def write_json(path: Path, content: Any) -> None:
 
 
 def write_results(
-    folder: Path, files: Mapping[str, str | bytes], result: Mapping[str, Any]
+    folder: Path,
+    files: Mapping[str, str | bytes],
+    result: Mapping[str, Any],
+    others: Sequence[str] = (),
 ) -> None:
     """Write files by name, and a record as result.json.
 
     The record is removed first and written last: where there is one, all files beside it are its
     own, even if a process was killed here.
+
+    Parameters
+    ----------
+    folder : Path
+        Where; it is made if it is absent.
+    files : mapping of str to str or bytes
+        Contents by name.
+    result : mapping
+        The record.
+    others : sequence of str
+        Patterns of what else an older record may have beside it, which is removed with it: what is
+        written after this one, or only sometimes.
     """
     (folder / "result.json").unlink(missing_ok=True)
+    for each in [path for pattern in others for path in folder.glob(pattern)]:
+        each.unlink()
     for name, content in files.items():
         with replacing(folder / name) as temporary:
             temporary.write_bytes(content.encode() if isinstance(content, str) else content)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 
 from qcar_env.analysis.paper.table1 import Cell
@@ -21,6 +22,11 @@ def markdown(header: Sequence[str], rows: Iterable[Sequence[str]], right: str = 
     """
     rule = "".join("--:|" if right[i : i + 1] == "r" else "---|" for i in range(len(header)))
     return [_line(header), "|" + rule, *map(_line, rows)]
+
+
+def plain(text: str) -> str:
+    """Return text for Markdown in which nothing is a comment, a tag, a link or code."""
+    return re.sub(r"[\\`*\[\]<&|$]", r"\\\g<0>", text)
 
 
 def columns(rows: Sequence[Sequence[str]], left: int) -> str:

@@ -23,6 +23,7 @@ from qcar_env.evaluation.entry import Entry, shown_to
 from qcar_env.physics import linear
 from qcar_env.plots.style import Line, line
 from qcar_env.scenarios import Scenario
+from qcar_env.scenarios.scenario import MOST_INTERVALS
 from qcar_env.validation import known, non_negative, positive
 
 Frame = NDArray[np.uint8]
@@ -31,6 +32,7 @@ SUFFIXES = (".mp4", ".gif")
 GIF_COLOURS = 64
 LARGEST = 4096  # [px] side of a car's frame
 MOST_FRAMES = 1_000_000  # of a film, chosen here: eleven hours at 25 a second
+HALF = "ffmpeg wrote no whole film; is there space on the disk?"
 RATES = (0.01, 1000.0)  # [1/s] frames a second that both kinds of file can say
 
 
@@ -83,7 +85,8 @@ class Film:
     @property
     def stride(self) -> int:
         """Control intervals from frame to frame."""
-        return max(1, round(1.0 / (self.fps * self.slow * self.scenario.dt)))
+        frames = self.fps * self.slow * self.scenario.dt  # in a control interval
+        return max(1, round(1.0 / max(frames, 1.0 / MOST_INTERVALS)))
 
     @property
     def rate(self) -> float:
@@ -93,7 +96,8 @@ class Film:
     @property
     def length(self) -> int:
         """Number of frames."""
-        return round(self.duration / self.scenario.dt) // self.stride + 1
+        intervals = round(min(self.duration / self.scenario.dt, MOST_INTERVALS))
+        return intervals // self.stride + 1
 
 
 def frames(film: Film, progress: Progress = lambda number, length: None) -> Iterator[Frame]:
@@ -139,12 +143,22 @@ def write(film: Film, out: Path, progress: Progress = lambda number, length: Non
 
 
 def _write_mp4(film: Film, path: Path, progress: Progress) -> None:
+    """Write the film and read it again: ffmpeg writes a part without a word on a full disk."""
     imageio: Any = importlib.import_module("imageio.v2")
-    with imageio.get_writer(
-        path, format="FFMPEG", fps=film.rate, codec="libx264", quality=7, macro_block_size=2
-    ) as writer:
-        for frame in frames(film, progress):
-            writer.append_data(frame)
+    ffmpeg: Any = importlib.import_module("imageio_ffmpeg")
+    given: dict[str, Any] = {"codec": "libx264", "quality": 7, "macro_block_size": 2}
+    try:
+        with imageio.get_writer(
+            path, format="FFMPEG", fps=film.rate, ffmpeg_log_level="quiet", **given
+        ) as writer:
+            for frame in frames(film, progress):
+                writer.append_data(frame)
+    except OSError as error:  # of imageio its words are the whole log of ffmpeg
+        raise (OSError(HALF) if "FFMPEG" in str(error) else error) from None
+    try:
+        ffmpeg.count_frames_and_secs(str(path))
+    except RuntimeError:
+        raise OSError(HALF) from None
 
 
 def _write_gif(film: Film, path: Path, progress: Progress) -> None:

@@ -189,7 +189,7 @@ def thinned(
     first : float
         What is kept of the beginning, sample by sample [s].
     """
-    dt = float(t[1] - t[0])
+    dt = float(t[1] - t[0]) if len(t) > 1 else float(t[0])  # one interval from the start on
     everything = np.column_stack([x, force])
     per_period = max(2, round(period / dt))
     whole = max(1, len(t) // per_period)

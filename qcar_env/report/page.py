@@ -55,8 +55,8 @@ def render(report: Report) -> str:
         style=source.get_source(templates, "report.css")[0],
         script=source.get_source(templates, "report.js")[0],
         plotly=get_plotlyjs(),
-        # "</" would end the element that holds the data.
-        data=json.dumps(data, allow_nan=False, separators=(",", ":")).replace("</", "<\\/"),
+        # "</" and "<!--<script>" would change where the element that holds the data ends.
+        data=json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
     )
 
 

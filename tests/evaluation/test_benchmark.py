@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from baselines import catalogue
-from qcar_env.evaluation import leaderboard
-from qcar_env.evaluation.benchmark import run
+from qcar_env.evaluation import benchmark, leaderboard
+from qcar_env.evaluation.benchmark import Failure, run
 from qcar_env.evaluation.bounds import optimum_of
 from qcar_env.evaluation.score import Row, for_track, score
 from qcar_env.evaluation.standings import findings, standings
 from qcar_env.evaluation.tracks import Track, track
+from qcar_env.evaluation.workers import WorkerDiedError
 from qcar_env.parts.spring import CubicSpring
 from qcar_env.scenarios import scenario
 
@@ -148,3 +149,24 @@ def test_a_car_that_is_not_linear_is_ranked_without_an_optimum():
     assert all(np.isnan(each.optimum) for each in outcome.standings)
     assert "*optimum*" not in leaderboard.leaderboard(outcome)
     assert any("no optimum is known" in each for each in leaderboard.summary(outcome))
+
+
+def test_the_optimum_is_found_here_if_its_worker_died(monkeypatch):
+    """The system kills whichever process is large; what policies have done was lost with it."""
+
+    def each_done(tasks, jobs):
+        yield 0, None, WorkerDiedError("its process ended with -9")
+        yield 1, tasks[1](), None
+
+    monkeypatch.setattr(benchmark, "each_done", each_done)
+    found = run([CROSSING], [catalogue.entry("none")], jobs=2)
+    assert len(found.bounds[("hump", 0.5)]) == 3
+    assert {row.policy for row in found.rows} == {"none"}
+
+
+def test_the_words_of_an_error_do_not_hide_the_rest_of_a_leaderboard():
+    words = {"policy": "mine", "track": "hump", "error": "E: <!-- `|", "details": ""}
+    failed = Failure(force_scale=1.0, **words)
+    found = dataclasses.replace(run([CROSSING], [catalogue.entry("none")]), failures=(failed,))
+    assert "<!--" not in leaderboard.leaderboard(found).replace("\\<", "")
+    assert f"- {failed}" in leaderboard.summary(found)

@@ -124,6 +124,22 @@ def test_a_folder_in_a_files_place_and_a_long_name_are_refused(tmp_path):
             check(tmp_path / ("a" * 300))
 
 
+def test_a_link_to_nowhere_or_itself_a_long_path_and_bytes_are_refused(tmp_path):
+    (tmp_path / "nowhere").symlink_to(tmp_path / "absent")
+    (tmp_path / "round").symlink_to(tmp_path / "round")
+    for name, message in (
+        ("nowhere", r"--out must not be a link to nowhere, got .*nowhere; remove it"),
+        ("nowhere/deeper", r"--out must not be a link to nowhere, got .*nowhere; remove it"),
+        ("round", r"--out must not be a link to nowhere, got .*round; remove it"),
+        ("a/" * 5000, r"--out must be a path of at most 3856 bytes, got .*; give a shorter one"),
+        ("\udcff", r"--out must have names that are text, got '\\udcff'; rename it"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            storage.check_folder(tmp_path / name)
+    for name in ("größer", "a\u00a0b", "车"):
+        storage.check_folder(tmp_path / name)
+
+
 def test_a_record_stands_beside_its_own_files_alone(tmp_path, monkeypatch):
     """A process that is killed while it writes leaves no record, so that none is of another run."""
     storage.write_results(tmp_path, {"a.md": "first", "b.bin": b"1"}, {"run": 1})
@@ -134,6 +150,16 @@ def test_a_record_stands_beside_its_own_files_alone(tmp_path, monkeypatch):
     assert (tmp_path / "a.md").read_text(encoding="utf-8") == "second"
     assert not (tmp_path / "result.json").exists()
     assert not [each for each in tmp_path.iterdir() if each.name.startswith(".")]
+
+
+def test_what_an_older_record_had_beside_it_goes_with_it(tmp_path):
+    for name in ("report.html", "figures/old.png", "figures/mine.txt", "notes.md"):
+        storage.write_text(tmp_path / name, "old")
+    storage.write_results(tmp_path, {"a.md": "x"}, {"run": 2}, ["report.html", "figures/*.png"])
+    there = {
+        each.relative_to(tmp_path).as_posix() for each in tmp_path.rglob("*") if each.is_file()
+    }
+    assert there == {"a.md", "result.json", "figures/mine.txt", "notes.md"}
 
 
 def test_two_writers_of_one_folder_are_told_apart(tmp_path):

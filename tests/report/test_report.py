@@ -134,6 +134,18 @@ def test_charts_are_valid_plotly(paper):
     assert specification(chart)["data"][-1]["y"] == [1.0, None, 3.0]
 
 
+def test_a_label_that_is_markup_does_not_end_the_data(paper):
+    """After "<!--<script>" a browser takes the next "</script>" for a part of the data."""
+    label = "<!--<script></script>"
+    *_, content = paper
+    first, *others = content.histories
+    histories = (dataclasses.replace(first, label=label), *others)
+    page = render(dataclasses.replace(content, histories=histories))
+    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page)[1]
+    assert "<" not in data
+    assert json.loads(data)["histories"][0]["label"] == label
+
+
 def test_packed_arrays_are_the_rollouts_to_32_bits(paper):
     _, rollouts, _, content = paper
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', render(content))

@@ -1,15 +1,18 @@
 """scripts/benchmark.py: results, failures that stay where they happened, and what it refuses."""
 
+import contextlib
 import json
 import sys
 import textwrap
 from itertools import permutations
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import agents
 from qcar_env.evaluation import storage, tracks
+from qcar_env.evaluation.agent import OnnxPolicy
 from qcar_env.evaluation.tracks import Track
 from scripts import benchmark
 
@@ -181,10 +184,12 @@ def test_a_policy_that_fails_does_not_take_the_others_with_it(tmp_path, mine, ca
         ("{mine}:number", "'{mine}:number' is no policy: it has no predict"),
         ("{here}/cut.onnx", "cut.onnx is not an ONNX policy"),
         ("{here}", "no recipe.json in "),
+        ("{mine}_leaves:policy", "no policy '{mine}_leaves:policy': SystemExit: 0; give module:"),
     ],
 )
 def test_what_is_no_policy_is_refused_before_anything_is_run(tmp_path, mine, capsys, spec, message):
     (tmp_path / f"{mine}_broken.py").write_text("import this that", encoding="utf-8")
+    (tmp_path / f"{mine}_leaves.py").write_text("import sys; sys.exit(0)", encoding="utf-8")
     (tmp_path / "cut.onnx").write_bytes(b"cut")
     spec = spec.format(mine=mine, here=tmp_path)
     assert run(tmp_path / "out", "--baselines", "none", "--policy", spec) == 2
@@ -314,6 +319,51 @@ def test_a_network_that_loops_or_reads_other_files_is_refused(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def linear(onnx):
+    """Return a network that is a product with a matrix."""
+    helper, FLOAT = onnx.helper, onnx.TensorProto.FLOAT
+    graph = helper.make_graph(
+        [helper.make_node("MatMul", ["observation", "gain"], ["action"])],
+        "linear",
+        [helper.make_tensor_value_info("observation", FLOAT, ["n", 4])],
+        [helper.make_tensor_value_info("action", FLOAT, ["n", 2])],
+        [onnx.numpy_helper.from_array(np.zeros((4, 2), np.float32), "gain")],
+    )
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+
+
+def test_a_loop_is_found_however_its_name_is_packed_and_in_whatever_holds_it(tmp_path):
+    """Protobuf reads a length of 4 as one byte or as several; a function is beside the graph."""
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    loop = onnx.helper.make_node("Loop", ["", "true", "y"], ["z"], name="node")
+    packed = linear(onnx)
+    plain = loop.SerializeToString()
+    longer = plain.replace(b"\x22\x04Loop", b"\x22\x84\x00Loop")
+    assert len(longer) == len(plain) + 1
+    node = b"\x0a" + bytes([len(longer)]) + longer  # GraphProto.node
+    graph = b"\x3a" + bytes([len(node)]) + node  # ModelProto.graph, which adds to the one before
+    (tmp_path / "packed.onnx").write_bytes(packed.SerializeToString() + graph)
+    held = linear(onnx)
+    domain = [onnx.helper.make_opsetid("", 17)]
+    held.functions.append(
+        onnx.helper.make_function("mine", "F", ["y"], ["z"], [loop], opset_imports=domain)
+    )
+    onnx.save(held, tmp_path / "held.onnx")
+    for name in ("packed", "held"):
+        with pytest.raises(ValueError, match=f"{name}.onnx must be a network without a Loop"):
+            OnnxPolicy(tmp_path / f"{name}.onnx")
+
+
+def test_a_network_whose_notes_name_a_location_enters(tmp_path):
+    onnx = pytest.importorskip("onnx")
+    pytest.importorskip("onnxruntime")
+    model = linear(onnx)
+    onnx.helper.set_model_props(model, {"location": "Berlin", "made of": '"\x04Loop'})
+    onnx.save(model, tmp_path / "noted.onnx")
+    assert OnnxPolicy(tmp_path / "noted.onnx").size == 4
+
+
 @pytest.mark.parametrize("jobs", ["1", "2"])
 def test_a_policy_that_ends_the_program_ends_its_own_run_alone(tmp_path, mine, capsys, jobs):
     text = """
@@ -347,6 +397,68 @@ def test_a_policy_that_ends_the_program_ends_its_own_run_alone(tmp_path, mine, c
     assert errors["bench_ends:quits"] == "SystemExit: 0"
     if jobs == "2":
         assert errors["bench_ends:dies"] == "WorkerDiedError: its process ended with 0"
+
+
+def test_an_error_that_is_no_exception_or_has_no_text_stays_with_its_policy(tmp_path, mine):
+    text = """
+        import asyncio
+        from bench_policies import Steady
+
+        class Mute(Exception):
+            def __str__(self):
+                raise TypeError
+
+        class Cancelled(Steady):
+            def predict(self, *args, **kwargs):
+                raise asyncio.CancelledError("later")
+
+        class Says(Steady):
+            def predict(self, *args, **kwargs):
+                raise Mute
+
+        cancelled, says = Cancelled(), Says()
+    """
+    (tmp_path / "bench_odd.py").write_text(textwrap.dedent(text), encoding="utf-8")
+    policies = ["--policy", "bench_odd:cancelled", "--policy", "bench_odd:says"]
+    assert run(tmp_path / "out", "--baselines", "none", *policies) == 1
+    errors = {each["policy"]: each["error"] for each in read(tmp_path / "out")["failures"]}
+    assert errors == {
+        "bench_odd:cancelled": "CancelledError: later",
+        "bench_odd:says": "Mute: its message cannot be read",
+    }
+    assert {row["policy"] for row in read(tmp_path / "out")["rows"]} == {"none"}
+
+
+def test_figures_and_report_of_an_older_benchmark_do_not_stay_beside_the_new_record(tmp_path):
+    for name in ("report.html", "table.parquet", "figures/frontier.png", "notes.md"):
+        storage.write_text(tmp_path / name, "old")
+    assert run(tmp_path, "--baselines", "none") == 0
+    there = {each.name for each in tmp_path.rglob("*") if each.is_file()} - {"table.parquet"}
+    assert there == {"leaderboard.md", "table.csv", "result.json", "notes.md"}
+    assert not any(each.read_bytes() == b"old" for each in tmp_path.glob("table.*"))
+
+
+def test_figures_that_cannot_be_drawn_lose_no_results(tmp_path, monkeypatch, capsys):
+    def draw(folder, outcome):
+        storage.write_text(folder / "frontier.png", "new")
+        assert not (folder / "old.png").exists()
+        raise ValueError("a formula that is none")
+
+    storage.write_text(tmp_path / "figures" / "old.png", "old")
+    monkeypatch.setattr(benchmark, "_draw", draw)
+    given = ["--jobs", "1", "--out", str(tmp_path), "--tracks", "short", "--baselines", "none"]
+    assert benchmark.main(given) == 2
+    assert "benchmark: a formula that is none" in capsys.readouterr().err
+    assert len(read(tmp_path)["rows"]) == 10
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
+def test_an_output_that_nobody_takes_loses_no_results(tmp_path, monkeypatch, capsys):
+    with contextlib.suppress(OSError), open("/dev/full", "w") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        assert run(tmp_path, "--baselines", "none") == 2
+    assert "benchmark: No space left on device" in capsys.readouterr().err
+    assert len(read(tmp_path)["rows"]) == 10
 
 
 def test_two_benchmarks_do_not_write_one_folder(tmp_path, capsys):

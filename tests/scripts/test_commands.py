@@ -1,12 +1,19 @@
 """What every command refuses: in one line, with status 2, before any work, writing nothing."""
 
 import importlib
+import os
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from qcar_env.evaluation import storage
 from scripts import command as commands
 
+ROOT = Path(__file__).parents[2]
+COMMANDS = sorted(path.stem for path in (ROOT / "scripts").glob("*.py") if path.stem != "command")
 LEARNING = ("train", "learning_report")  # commands that need torch
 
 
@@ -105,6 +112,91 @@ def test_what_ends_a_command_is_told_in_a_line(error, status, said, capsys):
 
     assert commands.main("it", "", {}, work)([]) == status
     assert capsys.readouterr().err.strip() == f"it: {said}"
+
+
+def test_words_of_many_lines_are_told_in_one(capsys):
+    def work(arguments):
+        raise OSError("broken pipe\n\n  the program said:\n  much")
+
+    assert commands.main("it", "", {}, work)([]) == 2
+    assert capsys.readouterr().err == "it: broken pipe the program said: much\n"
+
+
+@pytest.mark.parametrize(
+    ("number", "status", "said"),
+    [(signal.SIGINT, 130, "it: interrupted."), (signal.SIGTERM, 143, "it: terminated.")],
+)
+def test_a_command_that_is_told_to_end_leaves_no_half_written_file(
+    number, status, said, tmp_path, capsys
+):
+    def work(arguments):
+        with storage.replacing(tmp_path / "film.gif") as path:
+            path.write_bytes(b"half")
+            os.kill(os.getpid(), number)
+            raise AssertionError("it went on")
+
+    ignored = signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job's
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        assert commands.main("it", "", {}, work)([]) == status
+        assert signal.getsignal(signal.SIGTERM) == before
+        assert signal.getsignal(signal.SIGINT) == signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, ignored)
+    assert capsys.readouterr().err.strip() == said
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_interrupt_that_is_ignored_stays_so():
+    def work(arguments):
+        os.kill(os.getpid(), signal.SIGINT)
+
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        assert commands.main("it", "", {}, work)([]) == 0
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_an_interrupt_while_a_command_imports_is_told_in_a_line(command, tmp_path):
+    text = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(30)\n"
+    for name in ("numpy", "torch", "matplotlib"):  # whichever it imports first
+        (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
+    run = (
+        "import runpy, signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "import __main__; __main__.__file__ = sys.argv[0] = sys.argv.pop(1); "
+        "runpy.run_path(__main__.__file__, run_name='__main__')"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", run, str(ROOT / "scripts" / f"{command}.py")],
+        env=dict(os.environ, PYTHONPATH=os.pathsep.join([str(tmp_path), str(ROOT)])),
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert found.stderr == "interrupted.\n"
+    assert found.returncode == 130
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs Linux's /dev/full")
+def test_output_that_nobody_takes_is_told_in_a_line():
+    """It was told by the interpreter, after the end, with status 120."""
+    run = (
+        "from scripts import command; "
+        "raise SystemExit(command.main('it', '', {}, lambda arguments: print('done'))([]))"
+    )
+    buffered = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
+    with open("/dev/full", "w") as full:
+        found = subprocess.run(
+            [sys.executable, "-c", run],
+            cwd=ROOT,
+            env=buffered,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert (found.returncode, found.stderr) == (2, "it: No space left on device\n")
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import agents.load
 from baselines import catalogue
 from qcar_env import scenario
 from qcar_env.analysis.paper.table1 import table1
+from qcar_env.evaluation import storage
 from scripts import compare
 
 HUMP = ["--scenario", "mathworks-hump", "--duration", "1.5"]
@@ -93,6 +94,14 @@ def test_a_hump_is_compared_over_the_whole_crossing_and_run_again_in_the_same_fo
     assert result["scenario"]["actuator"]["limit"] == [200.0]
 
 
+@pytest.mark.parametrize("duration", ["0.005", "0.01", "0.1"])
+def test_a_hump_is_compared_and_reported_over_as_little_as_one_interval(tmp_path, duration):
+    pytest.importorskip("plotly")
+    given = ["--scenario", "paper-hump", "--laws", "none", "lnvc", "--duration", duration]
+    assert run(tmp_path, *given, "--report") == 0
+    assert (tmp_path / "report.html").stat().st_size > 1000
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -142,6 +151,26 @@ def test_a_file_where_the_folder_should_be_is_refused_before_the_work(tmp_path, 
     assert "--out must be a folder" in said
     assert "rolling out" not in said
     assert (tmp_path / "out").read_text() == "mine"
+
+
+def test_a_comparison_killed_before_its_figure_leaves_none_of_an_older_one(tmp_path, monkeypatch):
+    def killed(found):
+        raise KeyboardInterrupt
+
+    for name in ("time_histories.png", "report.html"):
+        (tmp_path / name).write_text("old")
+    monkeypatch.setattr(compare.time_history, "comparison", killed)
+    assert run(tmp_path, *HUMP, "--laws", "none") == 130
+    assert {each.name for each in tmp_path.iterdir()} == {"table.csv", "result.json"}
+
+
+def test_two_comparisons_in_one_folder_do_not_mix_table_and_figure(tmp_path, monkeypatch):
+    def drawn(found):
+        with pytest.raises(ValueError, match="is being written"), storage.held(tmp_path):
+            pass
+
+    monkeypatch.setattr(compare.time_history, "comparison", drawn)
+    assert run(tmp_path, *HUMP, "--laws", "none") == 0
 
 
 def test_the_help_explains_every_flag(capsys):

@@ -1,6 +1,7 @@
 """The film has the asked length, speed and size, and shows the asked policies."""
 
 import re
+import shutil
 import subprocess
 
 import imageio.v3 as imageio
@@ -8,6 +9,7 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
+import agents.load
 from qcar_env.plots.film import drive, look
 from scripts import command, watch
 
@@ -111,6 +113,10 @@ def test_on_a_display_the_film_is_shown_until_the_window_closes(monkeypatch):
         (["--duration", "1e-9"], "film must have 2 to 1000000 frames"),
         (["--fps", "1e-9"], "film must have 2 to 1000000 frames"),
         (["--slow", "1e9"], "0.01 to 1000 of them a second, got 41 at 2e-07 a second"),
+        (["--slow", "1e-320"], "film must have 2 to 1000000 frames"),
+        (["--slow", "5e-324", "--fps", "5e-324"], "film must have 2 to 1000000 frames"),
+        (["--slow", "1e300", "--fps", "1e300"], "film must have 2 to 1000000 frames"),
+        (["--duration", "1e308"], "film must have 2 to 1000000 frames"),
         (["--size", "10", "240"], "frame width"),
         (["--size", "320", "100000000"], "size must be at most 4096 px wide and high, got 320 x"),
     ],
@@ -121,6 +127,30 @@ def test_bad_input_is_refused_and_writes_nothing(arguments, message, tmp_path, m
     assert watch.main([*SHORT, *arguments]) == 2
     assert message in capsys.readouterr().err
     assert not [each for each in tmp_path.rglob("*") if each.is_file()]
+
+
+@pytest.mark.parametrize("duration", ["0.05", "1"])  # ffmpeg writes at the end, or before
+def test_a_film_that_the_disk_takes_in_part_is_not_called_written(duration, tmp_path, capfd):
+    resource = pytest.importorskip("resource")
+    allowed = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, allowed[1]))
+    try:
+        given = ["--duration", duration, "--wait", "0", "--out", str(tmp_path / "film.mp4")]
+        assert watch.main(given) == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, allowed)
+    printed, said = capfd.readouterr()
+    assert said == "watch: ffmpeg wrote no whole film; is there space on the disk?\n"
+    assert printed == ""
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_film_of_a_run_folder_is_called_after_the_folder_alone(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(watch, "_has_display", lambda: False)
+    shutil.copytree(agents.load.PRETRAINED / "ppo-paper", tmp_path / "runs" / "mine")
+    assert watch.main([*SHORT, "--policy", str(tmp_path / "runs" / "mine")]) == 0
+    assert list(tmp_path.rglob("*.mp4")) == [tmp_path / "results" / "watch" / "mine-vs-none.mp4"]
 
 
 def test_tuned_laws_and_agents_drive_too(tmp_path):
