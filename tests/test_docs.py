@@ -252,6 +252,7 @@ def test_the_links_of_equations_lead_to_their_lines(site):
 @pytest.mark.slow
 def test_facts_stand_in_the_site_as_they_are_in_the_code(site):
     from qcar_env.scenarios import SCENARIOS
+    from qcar_env.scenarios.presets import CARS, HUMPS
 
     scenarios = (site / "scenarios.html").read_text(encoding="utf-8")
     environment = (site / "environment.html").read_text(encoding="utf-8")
@@ -259,5 +260,8 @@ def test_facts_stand_in_the_site_as_they_are_in_the_code(site):
         assert f">{name}<" in scenarios
         assert html.escape(each.source, quote=False)[:40] in scenarios
         assert f"{each.actuator.limit[0]:g} " in environment
+    for name, each in {**CARS, **HUMPS}.items():
+        assert f">{name}<" in scenarios
+        assert html.escape(each.source, quote=False)[:40] in scenarios
     assert "{fact}" not in scenarios + environment
     assert "<math" in (site / "model.html").read_text(encoding="utf-8")

@@ -32,6 +32,7 @@ from qcar_env.parts.part import Part, units
 from qcar_env.physics.linear import modes
 from qcar_env.physics.signals import SIGNALS, signal
 from qcar_env.scenarios import SCENARIOS, Scenario
+from qcar_env.scenarios.presets import ACTUATORS, CARS, HUMPS, SENSORS
 
 ROOT = Path(__file__).parents[2]
 
@@ -115,6 +116,31 @@ def scenarios() -> str:
         parts.append(f"{each.title}. Source: {each.source}.")
         parts.append(_table(["what", "symbol", "value", "unit"], _parameters(each)))
     return "\n\n".join(parts)
+
+
+def presets() -> str:
+    """Return the tables of cars, humps, actuators and sensors that have names."""
+    cars = []
+    for name, each in CARS.items():
+        car = each.car
+        damper = f"{car.damper.c:.5g}" if hasattr(car.damper, "c") else "table"
+        numbers = (car.m2, car.m1, car.spring.k, car.tyre.k, car.tyre.c)
+        m2, m1, k2, k1, c1 = (f"{number:.6g}" for number in numbers)
+        load = f"{each.loads['laden']:g}"
+        cars.append([f"`{name}`", each.title, m2, load, m1, k2, damper, k1, c1, each.source])
+    units = ("m2 [kg]", "laden [kg]", "m1 [kg]", "k2 [N/m]", "c2 [N s/m]", "k1 [N/m]", "c1 [N s/m]")
+    humps = [
+        [f"`{name}`", each.title, f"{3.6 * each.speed:.3g} km/h", each.source]
+        for name, each in HUMPS.items()
+    ]
+    equipment = [[f"`{name}`", text] for name, (text, _) in (*ACTUATORS.items(), *SENSORS.items())]
+    return "\n\n".join(
+        [
+            _table(["car", "what", *units, "source"], cars),
+            _table(["hump", "what", "made for", "source"], humps),
+            _table(["actuator or sensors", "what"], equipment),
+        ]
+    )
 
 
 def _parameters(scenario: Scenario) -> list[list[str]]:
