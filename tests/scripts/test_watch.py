@@ -129,6 +129,8 @@ def test_bad_input_is_refused_and_writes_nothing(arguments, message, tmp_path, m
     assert not [each for each in tmp_path.rglob("*") if each.is_file()]
 
 
+# imageio leaves its pipe to the garbage collector where ffmpeg is gone
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("duration", ["0.05", "1"])  # ffmpeg writes at the end, or before
 def test_a_film_that_the_disk_takes_in_part_is_not_called_written(duration, tmp_path, capfd):
     resource = pytest.importorskip("resource")
