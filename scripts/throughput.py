@@ -70,7 +70,8 @@ def _plot(result: Mapping[str, Any], path: Path) -> None:
 
     figure, axes = plt.subplots(2, 2, figsize=(7.2, 5.6), layout="constrained")
     draw(result, axes.ravel())
-    figure.savefig(path, dpi=200)
+    with storage.replacing(path) as temporary:
+        figure.savefig(temporary, dpi=200)
     plt.close(figure)
 
 

@@ -116,6 +116,9 @@ def replacing(path: Path) -> Generator[Path, None, None]:
         yield temporary
         temporary.chmod(0o644)
         temporary.replace(path)
+    except OSError as error:
+        error.filename = error.filename or str(path)  # a full disk does not say of what
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -1,8 +1,10 @@
 """Results on disk: whole or not at all."""
 
 import csv
+import errno
 import json
 import math
+import os
 import re
 from importlib.metadata import version
 
@@ -70,6 +72,14 @@ def test_a_failure_leaves_the_older_file_and_nothing_else(tmp_path):
         write_half()
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_full_disk_is_told_with_the_file(tmp_path):
+    path = tmp_path / "table.csv"
+    with pytest.raises(OSError, match=r"No space left on device: '.*/table\.csv'"):
+        with storage.replacing(path):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_failure_leaves_no_file_where_there_was_none(tmp_path):
