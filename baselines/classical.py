@@ -6,24 +6,32 @@ paper's car and its tracks.
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
 from typing import Any
 
 from qcar_env.control.controller import feedback
 from qcar_env.control.pid import pid as pid_controller
+from qcar_env.control.preview import Acceptable, Regulator, regulator
 from qcar_env.control.semi_active import SEMI_ACTIVE_LAWS
+from qcar_env.control.suspension import suspension
 from qcar_env.evaluation.entry import Entry
 from qcar_env.evaluation.tracks import Track
 from qcar_env.parts.actuator import LaggedSemiActiveDamper, SemiActiveDamper
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 from qcar_env.validation import finite, known, non_negative
 
+from .actuation import check_one
 from .controller_policy import ControllerPolicy
+from .road_ahead import heights_ahead, intervals, knows_road
 from .semi_active_policy import SemiActivePolicy
+
+DEFAULT = Acceptable()
+STATE = "travel, tyre deflection, velocities of body and wheel; designed on the car"
 
 
 def passive(scenario: Scenario, stiffness: float = 0.0, damping: float = 0.0) -> ControllerPolicy:
@@ -51,6 +59,40 @@ def pid(
     return ControllerPolicy(pid_controller(scenario.dt, Kp=Kp, Ki=Ki, Kd=Kd), scenario)
 
 
+def lqr(
+    scenario: Scenario,
+    acceleration: float = DEFAULT.acceleration,
+    travel: float = DEFAULT.travel,
+    tyre: float = DEFAULT.tyre,
+    force: float = DEFAULT.force,
+) -> ControllerPolicy:
+    """Linear-quadratic regulator by what is acceptable [m/s^2, m, m, N] (`Acceptable`)."""
+    found = _regulator(scenario, acceleration, travel, tyre, force)
+    return ControllerPolicy(found.controller, scenario)
+
+
+def preview(
+    scenario: Scenario,
+    acceleration: float = DEFAULT.acceleration,
+    travel: float = DEFAULT.travel,
+    tyre: float = DEFAULT.tyre,
+    force: float = DEFAULT.force,
+    ahead: float = 0.5,
+) -> ControllerPolicy:
+    """Regulator that sees the road `ahead` [s], which it knows without error (see `lqr`)."""
+    found = _regulator(scenario, acceleration, travel, tyre, force)
+    plan = found.plan(heights_ahead(scenario), intervals(scenario, "ahead", ahead))
+    controller = dataclasses.replace(found.controller, name="LQR + preview")
+    return ControllerPolicy(controller, scenario, plan=plan)
+
+
+def _regulator(scenario: Scenario, *acceptable: float) -> Regulator:
+    check_one(scenario, "the regulator")
+    names = (each.name for each in dataclasses.fields(Acceptable))
+    limits = Acceptable(**dict(zip(names, acceptable, strict=True)))
+    return regulator(suspension(scenario.car, scenario.dt), limits)
+
+
 def _semi_active(kind: Any, scenario: Scenario, **numbers: float) -> SemiActivePolicy:
     return SemiActivePolicy(kind(**numbers), scenario)
 
@@ -63,15 +105,14 @@ class Classical:
     title: str
     needs: str  # beside its gains: what it reads at each sample, and what it was designed on
     gains: Mapping[str, float]  # stated defaults
+    road: bool = False  # whether it knows the road beforehand
     valve: bool | None = None  # whether it needs a semi-active damper, or an actuator; None: either
 
 
-def _designed(
-    make: Callable[..., Any], title: str, needs: str, valve: bool | None = None
-) -> Classical:
+def _designed(make: Callable[..., Any], title: str, needs: str, **needed: bool) -> Classical:
     parameters = list(inspect.signature(make).parameters.items())[1:]
     gains = {name: each.default for name, each in parameters}
-    return Classical(make=make, title=title, needs=needs, gains=gains, valve=valve)
+    return Classical(make=make, title=title, needs=needs, gains=gains, **needed)
 
 
 CLASSICAL: Mapping[str, Classical] = MappingProxyType(
@@ -79,12 +120,16 @@ CLASSICAL: Mapping[str, Classical] = MappingProxyType(
         "passive": _designed(passive, "tuned passive", "travel and its rate"),
         "skyhook": _designed(skyhook, "skyhook", "velocity of the body"),
         "pid": _designed(pid, "PID", "velocity of the body"),
+        "lqr": _designed(lqr, "LQR", STATE),
+        "preview": _designed(
+            preview, "LQR + preview", f"{STATE}; the road ahead, without error", road=True
+        ),
         **{
             name: Classical(
                 make=partial(_semi_active, kind),
                 title=kind.name,
                 needs=", ".join(kind.signals).replace("_", " "),
-                gains={each.name: each.default for each in fields(kind)},
+                gains={each.name: each.default for each in dataclasses.fields(kind)},
                 valve=True,
             )
             for name, kind in SEMI_ACTIVE_LAWS.items()
@@ -118,14 +163,13 @@ def make(name: str, scenario: str | Scenario, **gains: float) -> Any:
 
 
 def fits(name: str, scenario: Scenario) -> bool:
-    """Return whether a scenario has the actuator that a controller needs."""
+    """Return whether a scenario has the actuator, and the road, that a controller needs."""
     actuator = scenario.actuator
     if actuator.size != 1 or actuator.unit != "N" or not scenario.car.has_masses:
         return False
-    needs = CLASSICAL[known("controller", name, CLASSICAL)].valve
-    return needs is None or needs == isinstance(
-        actuator, (SemiActiveDamper, LaggedSemiActiveDamper)
-    )
+    needs = CLASSICAL[known("controller", name, CLASSICAL)]
+    valve = isinstance(actuator, (SemiActiveDamper, LaggedSemiActiveDamper))
+    return needs.valve in (None, valve) and (not needs.road or knows_road(scenario))
 
 
 def entries(names: Sequence[str] | None = None) -> tuple[Entry, ...]:

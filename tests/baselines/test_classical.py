@@ -11,7 +11,8 @@ import qcar_env  # noqa: F401 - registers the environments
 from baselines import classical
 from qcar_env.parts.actuator import LaggedSuspensionActuator
 from qcar_env.physics.car import QuarterCar
-from qcar_env.scenarios import scenario as find
+from qcar_env.roads.shapes import Sine
+from qcar_env.scenarios import Uniform, Vary, scenario as find
 
 NAMES = pytest.mark.parametrize("name", list(classical.CLASSICAL))
 
@@ -124,3 +125,47 @@ def test_a_lagged_actuator_is_driven_too(cars):
     scenario = cars.escort(actuator=lagged)
     run = cars.drive(classical.make("skyhook", scenario), scenario)
     assert np.isfinite(run.x2).all()
+
+
+def comfort(cars, name, scenario, **gains):
+    """Return the RMS acceleration of the body [m/s^2]; of None without control."""
+    policy = cars.Held(0.0) if name is None else classical.make(name, scenario, **gains)
+    return cars.rms(cars.drive(policy, scenario).signals["body_acceleration"])
+
+
+def escort_on_both(cars):
+    """Return the Escort on a Watts hump at 30 km/h and on a road of class C at 72 km/h."""
+    return cars.escort(), cars.escort(road=cars.rough("C"), speed=20.0, duration=10.0)
+
+
+def test_an_active_car_is_more_comfortable_the_more_it_knows(cars):
+    for scenario in escort_on_both(cars):
+        found = [comfort(cars, name, scenario) for name in (None, "skyhook", "lqr", "preview")]
+        assert found == sorted(found, reverse=True)
+        assert found[-1] < 0.5 * found[0]
+
+
+def test_preview_of_nothing_is_lqr(cars):
+    hump = cars.escort()
+    blind = cars.drive(classical.make("preview", hump, ahead=0.0), hump)
+    np.testing.assert_array_equal(blind.x2, cars.drive(classical.make("lqr", hump), hump).x2)
+
+
+def test_clipped_lqr_is_more_comfortable_than_any_passive_damper(cars):
+    road = cars.megane(road=cars.rough("C"), speed=20.0, duration=10.0)
+    held = [cars.drive(cars.Held(each), road) for each in np.linspace(-1.0, 1.0, 9)]
+    best = min(cars.rms(run.signals["body_acceleration"]) for run in held)
+    assert comfort(cars, "lqr", road) < best
+    assert comfort(cars, "preview", road) < comfort(cars, "lqr", road)
+
+
+def test_preview_needs_one_road_for_all_episodes(cars):
+    drawn = Vary(by=Uniform(low=0.5, high=1.5), numbers={"road.h": 1.0})
+    varied = cars.escort(randomisation=(drawn,))
+    assert not classical.fits("preview", varied)
+    with pytest.raises(ValueError, match="preview needs one road that all episodes meet alike"):
+        classical.make("preview", varied)
+    endless = cars.escort(road=Sine(h=0.01, wavenumber=2.0))
+    assert not classical.fits("preview", endless)
+    assert classical.fits("lqr", varied)
+    assert classical.fits("lqr", endless)
