@@ -15,6 +15,7 @@ from types import MappingProxyType
 from typing import Any
 
 from qcar_env.control.controller import feedback
+from qcar_env.control.kalman import kalman, lqg as lqg_of, road_intensity
 from qcar_env.control.pid import pid as pid_controller
 from qcar_env.control.preview import Acceptable, Regulator, regulator
 from qcar_env.control.semi_active import SEMI_ACTIVE_LAWS
@@ -22,6 +23,7 @@ from qcar_env.control.suspension import suspension
 from qcar_env.evaluation.entry import Entry
 from qcar_env.evaluation.tracks import Track
 from qcar_env.parts.actuator import LaggedSemiActiveDamper, SemiActiveDamper
+from qcar_env.roads.iso8608 import CLASSES
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 from qcar_env.validation import finite, known, non_negative
 
@@ -29,6 +31,7 @@ from .actuation import check_one
 from .controller_policy import ControllerPolicy
 from .road_ahead import heights_ahead, intervals, knows_road
 from .semi_active_policy import SemiActivePolicy
+from .sensed import sensed
 
 DEFAULT = Acceptable()
 STATE = "travel, tyre deflection, velocities of body and wheel; designed on the car"
@@ -86,6 +89,21 @@ def preview(
     return ControllerPolicy(controller, scenario, plan=plan)
 
 
+def lqg(
+    scenario: Scenario,
+    acceleration: float = DEFAULT.acceleration,
+    travel: float = DEFAULT.travel,
+    tyre: float = DEFAULT.tyre,
+    force: float = DEFAULT.force,
+    G: float = CLASSES["C"],
+) -> ControllerPolicy:
+    """Regulator on a Kalman filter's estimate, for a road of ``Gd(n0) = G`` [m^3] (see `lqr`)."""
+    found = _regulator(scenario, acceleration, travel, tyre, force)
+    signals, noise = sensed(scenario)
+    intensity = road_intensity(G, scenario.speed)
+    return ControllerPolicy(lqg_of(found, kalman(found.plant, signals, noise, intensity)), scenario)
+
+
 def _regulator(scenario: Scenario, *acceptable: float) -> Regulator:
     check_one(scenario, "the regulator")
     names = (each.name for each in dataclasses.fields(Acceptable))
@@ -121,6 +139,12 @@ CLASSICAL: Mapping[str, Classical] = MappingProxyType(
         "skyhook": _designed(skyhook, "skyhook", "velocity of the body"),
         "pid": _designed(pid, "PID", "velocity of the body"),
         "lqr": _designed(lqr, "LQR", STATE),
+        "lqg": _designed(
+            lqg,
+            "LQG",
+            "the sensors of the scenario, or acceleration of the body and travel; designed on the "
+            "car, their noise and the spectrum of a road",
+        ),
         "preview": _designed(
             preview, "LQR + preview", f"{STATE}; the road ahead, without error", road=True
         ),

@@ -10,6 +10,7 @@ import pytest
 import qcar_env  # noqa: F401 - registers the environments
 from baselines import classical
 from qcar_env.parts.actuator import LaggedSuspensionActuator
+from qcar_env.parts.sensor import Sensor
 from qcar_env.physics.car import QuarterCar
 from qcar_env.roads.shapes import Sine
 from qcar_env.scenarios import Uniform, Vary, scenario as find
@@ -169,3 +170,24 @@ def test_preview_needs_one_road_for_all_episodes(cars):
     assert not classical.fits("preview", endless)
     assert classical.fits("lqr", varied)
     assert classical.fits("lqr", endless)
+
+
+PRODUCTION = (
+    Sensor(signal="body_acceleration", noise=0.03, cutoff=50.0),
+    Sensor(signal="travel", noise=0.5e-3, resolution=0.2e-3),
+)
+
+
+def test_lqg_does_from_two_sensors_nearly_what_lqr_does_from_the_state(cars):
+    for scenario in escort_on_both(cars):
+        passive, best = comfort(cars, None, scenario), comfort(cars, "lqr", scenario)
+        noisy = dataclasses.replace(scenario, sensors=PRODUCTION)
+        assert comfort(cars, "lqg", scenario) < best + 0.2 * (passive - best)
+        assert comfort(cars, "lqg", noisy) < best + 0.5 * (passive - best)
+
+
+def test_lqg_reads_the_sensors_of_the_scenario(cars):
+    assert classical.make("lqg", cars.escort()).reads == ("body_acceleration", "travel")
+    three = (*PRODUCTION, Sensor(signal="wheel_acceleration", noise=0.3), Sensor(signal="y"))
+    policy = classical.make("lqg", cars.escort(sensors=three))
+    assert policy.reads == ("body_acceleration", "travel", "wheel_acceleration")
