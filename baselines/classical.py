@@ -14,12 +14,15 @@ from functools import partial
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from qcar_env.control.controller import feedback
 from qcar_env.control.kalman import kalman, lqg as lqg_of, road_intensity
 from qcar_env.control.pid import pid as pid_controller
 from qcar_env.control.preview import Acceptable, Regulator, regulator
 from qcar_env.control.semi_active import SEMI_ACTIVE_LAWS
 from qcar_env.control.suspension import suspension
+from qcar_env.control.suspension_mpc import suspension_program
 from qcar_env.evaluation.entry import Entry
 from qcar_env.evaluation.tracks import Track
 from qcar_env.parts.actuator import LaggedSemiActiveDamper, SemiActiveDamper
@@ -32,6 +35,7 @@ from .controller_policy import ControllerPolicy
 from .road_ahead import heights_ahead, intervals, knows_road
 from .semi_active_policy import SemiActivePolicy
 from .sensed import sensed
+from .suspension_mpc_policy import SuspensionMPCPolicy
 
 DEFAULT = Acceptable()
 STATE = "travel, tyre deflection, velocities of body and wheel; designed on the car"
@@ -89,6 +93,36 @@ def preview(
     return ControllerPolicy(controller, scenario, plan=plan)
 
 
+def mpc(
+    scenario: Scenario,
+    acceleration: float = DEFAULT.acceleration,
+    travel: float = DEFAULT.travel,
+    tyre: float = DEFAULT.tyre,
+    force: float = DEFAULT.force,
+    ahead: float = 0.5,
+    horizon: float = 0.4,
+    stroke: float = 0.08,
+    rate: float = 1e9,
+) -> SuspensionMPCPolicy:
+    """MPC with the cost of `preview`, keeping the actuator's limits and `stroke` for `horizon`.
+
+    Sees the road `ahead` [s]; `horizon` [s], `stroke` [m], `rate` of the force [N/s]: the
+    actuator's own where that is lower.
+    """
+    found = _regulator(scenario, acceleration, travel, tyre, force)
+    actuator: Any = scenario.actuator
+    program = suspension_program(
+        found,
+        limit=actuator.limit[0],
+        rate=min(rate, getattr(actuator, "rate_limit", rate)),
+        stroke=stroke,
+        horizon=max(intervals(scenario, "horizon", horizon), 1),
+        preview=intervals(scenario, "ahead", ahead),
+    )
+    slopes = np.diff(heights_ahead(scenario)) / scenario.dt
+    return SuspensionMPCPolicy(program, scenario, slopes)
+
+
 def lqg(
     scenario: Scenario,
     acceleration: float = DEFAULT.acceleration,
@@ -139,6 +173,13 @@ CLASSICAL: Mapping[str, Classical] = MappingProxyType(
         "skyhook": _designed(skyhook, "skyhook", "velocity of the body"),
         "pid": _designed(pid, "PID", "velocity of the body"),
         "lqr": _designed(lqr, "LQR", STATE),
+        "mpc": _designed(
+            mpc,
+            "MPC",
+            f"{STATE} and actuator; the road ahead, without error",
+            road=True,
+            valve=False,
+        ),
         "lqg": _designed(
             lqg,
             "LQG",

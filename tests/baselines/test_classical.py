@@ -191,3 +191,52 @@ def test_lqg_reads_the_sensors_of_the_scenario(cars):
     three = (*PRODUCTION, Sensor(signal="wheel_acceleration", noise=0.3), Sensor(signal="y"))
     policy = classical.make("lqg", cars.escort(sensors=three))
     assert policy.reads == ("body_acceleration", "travel", "wheel_acceleration")
+
+
+def test_mpc_keeps_the_travel_within_the_stroke_and_costs_comfort_for_it(cars):
+    hump = cars.escort()
+    travel = {
+        stroke: np.abs(
+            cars.drive(classical.make("mpc", hump, stroke=stroke), hump).signals["travel"]
+        ).max()
+        for stroke in (0.05, 0.06, 0.2)
+    }
+    assert travel[0.2] > 0.07
+    for stroke in (0.05, 0.06):
+        assert travel[stroke] < 1.005 * stroke  # between the samples, and the solver's tolerance
+    assert comfort(cars, "mpc", hump, stroke=0.05) > comfort(cars, "mpc", hump, stroke=0.2)
+
+
+def test_mpc_knows_of_limits_what_clipping_does_not(cars):
+    weak = cars.escort(limit=1_000.0)
+    assert comfort(cars, "mpc", weak, stroke=0.2) < 0.98 * comfort(cars, "preview", weak)
+    lagged = LaggedSuspensionActuator(limit=1_000.0, lag=0.0025, rate_limit=20e3)
+    slow = cars.escort(actuator=lagged)
+    assert comfort(cars, "mpc", slow, stroke=0.2) < 0.95 * comfort(cars, "preview", slow)
+    # As quick as 20 kN/s let it be, in limits and intervals.
+    asked = np.diff(asked_by(classical.make("mpc", slow), slow, cars))
+    assert np.abs(asked).max() <= 20e3 * 0.005 / 1_000.0 * (1.0 + 1e-5)
+
+
+def test_mpc_with_wide_limits_is_preview(cars):
+    strong = cars.escort(limit=5_000.0)
+    run = cars.drive(classical.make("mpc", strong, stroke=1.0), strong)
+    other = cars.drive(classical.make("preview", strong), strong)
+    # The solver stops at 1e-5 of the limit and of the multipliers.
+    np.testing.assert_allclose(run.x2, other.x2, atol=5e-3 * np.abs(other.x2).max())
+
+
+def asked_by(policy, scenario, cars):
+    """Return the actions that a policy asks for over an episode."""
+    kept = []
+
+    class Asked:
+        reads = policy.reads
+
+        def predict(self, *args, **kwargs):
+            action, memory = policy.predict(*args, **kwargs)
+            kept.append(float(action[0, 0]))
+            return action, memory
+
+    cars.drive(Asked(), scenario)
+    return np.array(kept)
