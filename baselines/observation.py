@@ -18,7 +18,7 @@ def scales_of(scenario: Scenario, observe: task.Observe = "full") -> NDArray[np.
     return np.array([found.scale(each, scenario) for each in task.observed(observe)])
 
 
-def entries_of(observation: Any, size: int) -> NDArray[np.float64]:
+def entries_of(observation: Any, size: int, names: tuple[str, ...] = ()) -> NDArray[np.float64]:
     """Return an observation as numbers.
 
     Parameters
@@ -27,6 +27,8 @@ def entries_of(observation: Any, size: int) -> NDArray[np.float64]:
         Observations of n cars, or of one.
     size : int
         Entries that are read: the first of the k.
+    names : tuple of str
+        The signals that they are, where they are neither "feedback" nor "full".
 
     Returns
     -------
@@ -51,6 +53,7 @@ def entries_of(observation: Any, size: int) -> NDArray[np.float64]:
         )
     if entries.shape[-1] < size:
         observe = "'feedback' or 'full'" if size == task.FEEDBACK_SIZE else "'full'"
+        observe = str(names) if names else observe
         raise ValueError(
             f"observation must have at least {size} entries, got {entries.shape[-1]}; "
             f"make the environment with observe={observe}"
