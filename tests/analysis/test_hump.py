@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from scipy import signal
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_ivp, trapezoid
 
 from qcar_env.analysis.optimum import hump_certificate, hump_optimum
 from qcar_env.control import lqr
@@ -547,5 +547,5 @@ def test_a_dose_and_a_mean_square_integrate_their_powers():
     plant = linear.matrices(ESCORT)
     t = np.linspace(0.0, SMALL.duration, 8_001)
     a = free_motion(SMALL, t) @ plant.A[3]
-    assert found.passive == pytest.approx(float(np.trapezoid(a**4, t)) ** 0.25, rel=1e-4)
+    assert found.passive == pytest.approx(float(trapezoid(a**4, t)) ** 0.25, rel=1e-4)
     assert found.value <= found.passive * (1.0 + 1e-6)  # means over cells, by Jensen
