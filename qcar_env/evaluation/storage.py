@@ -117,7 +117,8 @@ def replacing(path: Path) -> Generator[Path, None, None]:
         temporary.chmod(0o644)
         temporary.replace(path)
     except OSError as error:
-        error.filename = error.filename or str(path)  # a full disk does not say of what
+        if error.errno is not None and error.filename is None:
+            error.filename = str(path)  # a full disk does not say of what
         raise
     finally:
         temporary.unlink(missing_ok=True)
