@@ -82,6 +82,11 @@ def test_a_full_disk_is_told_with_the_file(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_an_error_with_words_of_its_own_keeps_them(tmp_path):
+    with pytest.raises(OSError, match=r"^no whole film$"), storage.replacing(tmp_path / "a.mp4"):
+        raise OSError("no whole film")
+
+
 def test_a_failure_leaves_no_file_where_there_was_none(tmp_path):
     with pytest.raises(TypeError):
         storage.write_json(tmp_path / "result.json", {"bad": object()})
