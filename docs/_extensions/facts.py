@@ -332,6 +332,7 @@ FACTS: dict[str, Callable[[], str]] = {
         laws,
         layers,
         observations,
+        presets,
         scenarios,
         signals,
         throughput,
