@@ -40,7 +40,7 @@ def run(arguments: argparse.Namespace) -> None:
     whole("rounds", arguments.rounds, least=3)
     for n in arguments.num_envs:
         whole("num-envs", n)
-    whole("threads", arguments.threads)
+    whole("threads", arguments.threads, most=1024)
     storage.check_folder(arguments.out)
     result = measure(arguments.rounds, arguments.num_envs, arguments.threads, command.say)
     result["environment_share_of_ppo"] = _share()

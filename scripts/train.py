@@ -57,7 +57,8 @@ def run(args: argparse.Namespace) -> None:
         return
     chosen = recipe(args.algo, args.track)
     if args.steps is not None:
-        chosen = dataclasses.replace(chosen, steps=args.steps)
+        steps = whole("steps", args.steps, most=10**12)  # a year of the fastest trainer
+        chosen = dataclasses.replace(chosen, steps=steps)
     if args.publish:
         if args.steps is not None:
             raise ValueError("--publish ships what the recipe makes; leave out --steps")

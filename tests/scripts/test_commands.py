@@ -39,6 +39,8 @@ LEARNING = ("train", "learning_report")  # commands that need torch
         ),
         ("learning_report", ["--seeds", "-1"], "error: seed must be at least 0, got -1; give 0 or"),
         ("throughput", ["--threads", "0"], "throughput: threads must be at least 1, got 0; give 1"),
+        ("throughput", ["--threads", str(10**8)], "throughput: threads must be at most 1024, got"),
+        ("train", ["--steps", str(10**23)], "error: steps must be at most 1000000000000, got 1000"),
         ("train", ["--out", "taken"], "error: --out must be a folder that can be written to, got"),
         ("train", ["--out", "full"], "error: full is not empty; resume it with --resume, replace"),
         ("train", ["--seeds", "1", "-1"], "error: seed must be at least 0, got -1; give 0 or more"),
