@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from qcar_env.control.controller import feedback
+from qcar_env.control.h_infinity import ABOVE, h_infinity
 from qcar_env.control.kalman import kalman, lqg as lqg_of, road_intensity
 from qcar_env.control.pid import pid as pid_controller
 from qcar_env.control.preview import Acceptable, Regulator, regulator
@@ -38,6 +39,10 @@ from .sensed import sensed
 from .suspension_mpc_policy import SuspensionMPCPolicy
 
 DEFAULT = Acceptable()
+SENSED = (
+    "the sensors of the scenario, or acceleration of the body and travel; designed on the car, "
+    "their noise"
+)
 STATE = "travel, tyre deflection, velocities of body and wheel; designed on the car"
 
 
@@ -138,11 +143,32 @@ def lqg(
     return ControllerPolicy(lqg_of(found, kalman(found.plant, signals, noise, intensity)), scenario)
 
 
+def robust(
+    scenario: Scenario,
+    acceleration: float = DEFAULT.acceleration,
+    travel: float = DEFAULT.travel,
+    tyre: float = DEFAULT.tyre,
+    force: float = DEFAULT.force,
+    road: float = 0.3,
+    above: float = ABOVE,
+) -> ControllerPolicy:
+    """H-infinity control by what is acceptable, on roads whose rate is `road` [m/s] (see `lqr`)."""
+    limits = _acceptable(scenario, acceleration, travel, tyre, force)
+    signals, noise = sensed(scenario)
+    plant = suspension(scenario.car, scenario.dt)
+    found = h_infinity(plant, signals, noise, road=road, acceptable=limits, above=above)
+    return ControllerPolicy(found.controller, scenario)
+
+
 def _regulator(scenario: Scenario, *acceptable: float) -> Regulator:
-    check_one(scenario, "the regulator")
-    names = (each.name for each in dataclasses.fields(Acceptable))
-    limits = Acceptable(**dict(zip(names, acceptable, strict=True)))
+    limits = _acceptable(scenario, *acceptable)
     return regulator(suspension(scenario.car, scenario.dt), limits)
+
+
+def _acceptable(scenario: Scenario, *given: float) -> Acceptable:
+    check_one(scenario, "the design")
+    names = (each.name for each in dataclasses.fields(Acceptable))
+    return Acceptable(**dict(zip(names, given, strict=True)))
 
 
 def _semi_active(kind: Any, scenario: Scenario, **numbers: float) -> SemiActivePolicy:
@@ -180,12 +206,8 @@ CLASSICAL: Mapping[str, Classical] = MappingProxyType(
             road=True,
             valve=False,
         ),
-        "lqg": _designed(
-            lqg,
-            "LQG",
-            "the sensors of the scenario, or acceleration of the body and travel; designed on the "
-            "car, their noise and the spectrum of a road",
-        ),
+        "lqg": _designed(lqg, "LQG", f"{SENSED} and the spectrum of a road"),
+        "h-infinity": _designed(robust, "H-infinity", f"{SENSED} and the size of a road's rate"),
         "preview": _designed(
             preview, "LQR + preview", f"{STATE}; the road ahead, without error", road=True
         ),

@@ -240,3 +240,14 @@ def asked_by(policy, scenario, cars):
 
     cars.drive(Asked(), scenario)
     return np.array(kept)
+
+
+def test_h_infinity_is_more_comfortable_than_skyhook_and_keeps_the_tyre_on_the_road(cars):
+    for scenario in escort_on_both(cars):
+        assert comfort(cars, "h-infinity", scenario) < comfort(cars, "skyhook", scenario)
+    rough = escort_on_both(cars)[1]
+    load = [
+        cars.drive(classical.make(name, rough), rough).signals["tyre_load"].min()
+        for name in ("h-infinity", "lqg")
+    ]
+    assert load[0] > load[1] > 0.0
