@@ -33,6 +33,7 @@ from qcar_env.validation import finite, known, non_negative
 
 from .actuation import check_one
 from .controller_policy import ControllerPolicy
+from .learning import learn
 from .road_ahead import heights_ahead, intervals, knows_road
 from .semi_active_policy import SemiActivePolicy
 from .sensed import sensed
@@ -160,6 +161,20 @@ def robust(
     return ControllerPolicy(found.controller, scenario)
 
 
+def ilc(
+    scenario: Scenario,
+    acceleration: float = DEFAULT.acceleration,
+    travel: float = DEFAULT.travel,
+    tyre: float = DEFAULT.tyre,
+    force: float = DEFAULT.force,
+    crossings: int = 5,
+    caution: float = 1.0,
+) -> ControllerPolicy:
+    """Regulator and a plan that was learned in `crossings` of the same road (see `lqr`)."""
+    limits = _acceptable(scenario, acceleration, travel, tyre, force)
+    return learn(scenario, acceptable=limits, crossings=crossings, caution=caution).policy
+
+
 def _regulator(scenario: Scenario, *acceptable: float) -> Regulator:
     limits = _acceptable(scenario, *acceptable)
     return regulator(suspension(scenario.car, scenario.dt), limits)
@@ -205,6 +220,9 @@ CLASSICAL: Mapping[str, Classical] = MappingProxyType(
             f"{STATE} and actuator; the road ahead, without error",
             road=True,
             valve=False,
+        ),
+        "ilc": _designed(
+            ilc, "ILC", f"{STATE}; what crossings of the same road have taught", road=True
         ),
         "lqg": _designed(lqg, "LQG", f"{SENSED} and the spectrum of a road"),
         "h-infinity": _designed(robust, "H-infinity", f"{SENSED} and the size of a road's rate"),
