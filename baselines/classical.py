@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from qcar_env.control.comfort_damping import comfort_damping
 from qcar_env.control.controller import feedback
 from qcar_env.control.h_infinity import ABOVE, h_infinity
 from qcar_env.control.kalman import kalman, lqg as lqg_of, road_intensity
@@ -26,12 +27,11 @@ from qcar_env.control.suspension import suspension
 from qcar_env.control.suspension_mpc import suspension_program
 from qcar_env.evaluation.entry import Entry
 from qcar_env.evaluation.tracks import Track
-from qcar_env.parts.actuator import LaggedSemiActiveDamper, SemiActiveDamper
 from qcar_env.roads.iso8608 import CLASSES
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 from qcar_env.validation import finite, known, non_negative
 
-from .actuation import check_one
+from .actuation import check_one, is_valve
 from .controller_policy import ControllerPolicy
 from .learning import learn
 from .road_ahead import heights_ahead, intervals, knows_road
@@ -47,11 +47,23 @@ SENSED = (
 STATE = "travel, tyre deflection, velocities of body and wheel; designed on the car"
 
 
-def passive(scenario: Scenario, stiffness: float = 0.0, damping: float = 0.0) -> ControllerPolicy:
+def passive(
+    scenario: Scenario, stiffness: float = 0.0, damping: float | None = None
+) -> ControllerPolicy:
     """Another spring and damper beside the car's own, which may be softer [N/m], [N s/m].
 
-    An actuator gives it within its limits, a semi-active damper the damping alone.
+    An actuator gives it within its limits. A semi-active damper has no spring: clipped to what it
+    can give, one would be a law that switches. By default the damper is the one that is best for
+    comfort on a random road (`qcar_env.control.comfort_damping`).
     """
+    if stiffness != 0.0 and is_valve(scenario):
+        raise ValueError(
+            f"stiffness of a semi-active damper must be 0 N/m, got {stiffness:g} N/m; leave it out"
+        )
+    if damping is None:
+        check_one(scenario, "tuned passive")
+        best, own = comfort_damping(scenario.car)
+        damping = best - own
     gains = {
         "travel": -finite("stiffness", stiffness, "N/m"),
         "travel_rate": -finite("damping", damping, "N s/m"),
@@ -197,7 +209,7 @@ class Classical:
     make: Callable[..., Any]  # make(scenario, **gains)
     title: str
     needs: str  # beside its gains: what it reads at each sample, and what it was designed on
-    gains: Mapping[str, float]  # stated defaults
+    gains: Mapping[str, float | None]  # stated defaults; None where the car decides
     road: bool = False  # whether it knows the road beforehand
     valve: bool | None = None  # whether it needs a semi-active damper, or an actuator; None: either
 
@@ -273,8 +285,7 @@ def fits(name: str, scenario: Scenario) -> bool:
     if actuator.size != 1 or actuator.unit != "N" or not scenario.car.has_masses:
         return False
     needs = CLASSICAL[known("controller", name, CLASSICAL)]
-    valve = isinstance(actuator, (SemiActiveDamper, LaggedSemiActiveDamper))
-    return needs.valve in (None, valve) and (not needs.road or knows_road(scenario))
+    return needs.valve in (None, is_valve(scenario)) and (not needs.road or knows_road(scenario))
 
 
 def entries(names: Sequence[str] | None = None) -> tuple[Entry, ...]:
