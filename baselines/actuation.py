@@ -31,7 +31,7 @@ class Actuation:
         actuator: Any = scenario.actuator
         self.size: int = actuator.size
         self._limit = np.array(actuator.limit)
-        self.valve = isinstance(actuator, (SemiActiveDamper, LaggedSemiActiveDamper))
+        self.valve = is_valve(scenario)
         if self.valve:
             self._middle = 0.5 * (actuator.c_max + actuator.c_min)
             self._half = 0.5 * (actuator.c_max - actuator.c_min)
@@ -93,9 +93,14 @@ def check_two(scenario: Scenario, what: str, instead: str) -> None:
         )
 
 
+def is_valve(scenario: Scenario) -> bool:
+    """Return whether a scenario's actuator is a semi-active damper."""
+    return isinstance(scenario.actuator, (SemiActiveDamper, LaggedSemiActiveDamper))
+
+
 def check_valve(scenario: Scenario, what: str) -> None:
     """Raise ValueError where a scenario's actuator is no semi-active damper."""
-    if not isinstance(scenario.actuator, (SemiActiveDamper, LaggedSemiActiveDamper)):
+    if not is_valve(scenario):
         raise ValueError(
             f"{what} needs a semi-active damper, got {type(scenario.actuator).__name__}; give the "
             "scenario a SemiActiveDamper"

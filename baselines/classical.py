@@ -16,7 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from qcar_env.control.comfort_damping import comfort_damping
 from qcar_env.control.controller import feedback
+from qcar_env.control.h_infinity import ABOVE, h_infinity
 from qcar_env.control.kalman import kalman, lqg as lqg_of, road_intensity
 from qcar_env.control.pid import pid as pid_controller
 from qcar_env.control.preview import Acceptable, Regulator, regulator
@@ -25,27 +27,43 @@ from qcar_env.control.suspension import suspension
 from qcar_env.control.suspension_mpc import suspension_program
 from qcar_env.evaluation.entry import Entry
 from qcar_env.evaluation.tracks import Track
-from qcar_env.parts.actuator import LaggedSemiActiveDamper, SemiActiveDamper
 from qcar_env.roads.iso8608 import CLASSES
 from qcar_env.scenarios import Scenario, scenario as find_scenario
 from qcar_env.validation import finite, known, non_negative
 
-from .actuation import check_one
+from .actuation import check_one, is_valve
 from .controller_policy import ControllerPolicy
+from .learning import learn
 from .road_ahead import heights_ahead, intervals, knows_road
 from .semi_active_policy import SemiActivePolicy
 from .sensed import sensed
 from .suspension_mpc_policy import SuspensionMPCPolicy
 
 DEFAULT = Acceptable()
+SENSED = (
+    "the sensors of the scenario, or acceleration of the body and travel; designed on the car, "
+    "their noise"
+)
 STATE = "travel, tyre deflection, velocities of body and wheel; designed on the car"
 
 
-def passive(scenario: Scenario, stiffness: float = 0.0, damping: float = 0.0) -> ControllerPolicy:
+def passive(
+    scenario: Scenario, stiffness: float = 0.0, damping: float | None = None
+) -> ControllerPolicy:
     """Another spring and damper beside the car's own, which may be softer [N/m], [N s/m].
 
-    An actuator gives it within its limits, a semi-active damper the damping alone.
+    An actuator gives it within its limits. A semi-active damper has no spring: clipped to what it
+    can give, one would be a law that switches. By default the damper is the one that is best for
+    comfort on a random road (`qcar_env.control.comfort_damping`).
     """
+    if stiffness != 0.0 and is_valve(scenario):
+        raise ValueError(
+            f"stiffness of a semi-active damper must be 0 N/m, got {stiffness:g} N/m; leave it out"
+        )
+    if damping is None:
+        check_one(scenario, "tuned passive")
+        best, own = comfort_damping(scenario.car)
+        damping = best - own
     gains = {
         "travel": -finite("stiffness", stiffness, "N/m"),
         "travel_rate": -finite("damping", damping, "N s/m"),
@@ -138,11 +156,46 @@ def lqg(
     return ControllerPolicy(lqg_of(found, kalman(found.plant, signals, noise, intensity)), scenario)
 
 
+def robust(
+    scenario: Scenario,
+    acceleration: float = DEFAULT.acceleration,
+    travel: float = DEFAULT.travel,
+    tyre: float = DEFAULT.tyre,
+    force: float = DEFAULT.force,
+    road: float = 0.3,
+    above: float = ABOVE,
+) -> ControllerPolicy:
+    """H-infinity control by what is acceptable, on roads whose rate is `road` [m/s] (see `lqr`)."""
+    limits = _acceptable(scenario, acceleration, travel, tyre, force)
+    signals, noise = sensed(scenario)
+    plant = suspension(scenario.car, scenario.dt)
+    found = h_infinity(plant, signals, noise, road=road, acceptable=limits, above=above)
+    return ControllerPolicy(found.controller, scenario)
+
+
+def ilc(
+    scenario: Scenario,
+    acceleration: float = DEFAULT.acceleration,
+    travel: float = DEFAULT.travel,
+    tyre: float = DEFAULT.tyre,
+    force: float = DEFAULT.force,
+    crossings: int = 5,
+    caution: float = 1.0,
+) -> ControllerPolicy:
+    """Regulator and a plan that was learned in `crossings` of the same road (see `lqr`)."""
+    limits = _acceptable(scenario, acceleration, travel, tyre, force)
+    return learn(scenario, acceptable=limits, crossings=crossings, caution=caution).policy
+
+
 def _regulator(scenario: Scenario, *acceptable: float) -> Regulator:
-    check_one(scenario, "the regulator")
-    names = (each.name for each in dataclasses.fields(Acceptable))
-    limits = Acceptable(**dict(zip(names, acceptable, strict=True)))
+    limits = _acceptable(scenario, *acceptable)
     return regulator(suspension(scenario.car, scenario.dt), limits)
+
+
+def _acceptable(scenario: Scenario, *given: float) -> Acceptable:
+    check_one(scenario, "the design")
+    names = (each.name for each in dataclasses.fields(Acceptable))
+    return Acceptable(**dict(zip(names, given, strict=True)))
 
 
 def _semi_active(kind: Any, scenario: Scenario, **numbers: float) -> SemiActivePolicy:
@@ -156,7 +209,7 @@ class Classical:
     make: Callable[..., Any]  # make(scenario, **gains)
     title: str
     needs: str  # beside its gains: what it reads at each sample, and what it was designed on
-    gains: Mapping[str, float]  # stated defaults
+    gains: Mapping[str, float | None]  # stated defaults; None where the car decides
     road: bool = False  # whether it knows the road beforehand
     valve: bool | None = None  # whether it needs a semi-active damper, or an actuator; None: either
 
@@ -180,12 +233,11 @@ CLASSICAL: Mapping[str, Classical] = MappingProxyType(
             road=True,
             valve=False,
         ),
-        "lqg": _designed(
-            lqg,
-            "LQG",
-            "the sensors of the scenario, or acceleration of the body and travel; designed on the "
-            "car, their noise and the spectrum of a road",
+        "ilc": _designed(
+            ilc, "ILC", f"{STATE}; what crossings of the same road have taught", road=True
         ),
+        "lqg": _designed(lqg, "LQG", f"{SENSED} and the spectrum of a road"),
+        "h-infinity": _designed(robust, "H-infinity", f"{SENSED} and the size of a road's rate"),
         "preview": _designed(
             preview, "LQR + preview", f"{STATE}; the road ahead, without error", road=True
         ),
@@ -233,8 +285,7 @@ def fits(name: str, scenario: Scenario) -> bool:
     if actuator.size != 1 or actuator.unit != "N" or not scenario.car.has_masses:
         return False
     needs = CLASSICAL[known("controller", name, CLASSICAL)]
-    valve = isinstance(actuator, (SemiActiveDamper, LaggedSemiActiveDamper))
-    return needs.valve in (None, valve) and (not needs.road or knows_road(scenario))
+    return needs.valve in (None, is_valve(scenario)) and (not needs.road or knows_road(scenario))
 
 
 def entries(names: Sequence[str] | None = None) -> tuple[Entry, ...]:

@@ -56,6 +56,11 @@ class ControllerPolicy:
             self.reads = (*self.reads, "travel_rate")
         self._scales = scales_of(scenario, self.reads)
 
+    @property
+    def clips(self) -> bool:
+        """Whether a semi-active damper gives the force, as far as it can."""
+        return self._actuation.valve
+
     def predict(
         self,
         observation: Any,

@@ -20,6 +20,15 @@ def knows_road(scenario: Scenario) -> bool:
     return same and not scenario.excitation.harmonic
 
 
+def check_same_road(scenario: Scenario, what: str) -> None:
+    """Raise ValueError where `knows_road` is false."""
+    if not knows_road(scenario):
+        raise ValueError(
+            f"{what} needs one road that all episodes meet alike, got {scenario.road} of scenario "
+            f"{scenario.name!r}; give a road with a beginning, and do not let it vary"
+        )
+
+
 def heights_ahead(scenario: Scenario) -> NDArray[np.float64]:
     """Return the road's heights at the control instants of an episode [m], and on to its end.
 
@@ -28,11 +37,7 @@ def heights_ahead(scenario: Scenario) -> NDArray[np.float64]:
     ValueError
         If road or speed vary, or the road is an endless sine, whose phase is drawn.
     """
-    if not knows_road(scenario):
-        raise ValueError(
-            f"preview needs one road that all episodes meet alike, got {scenario.road} of scenario "
-            f"{scenario.name!r}; give a road with a beginning, and do not let it vary"
-        )
+    check_same_road(scenario, "preview")
     steps, end = scenario.steps, scenario.excitation.end
     if math.isfinite(end):
         steps = max(steps, math.ceil(end / scenario.dt) + 1)

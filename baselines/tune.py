@@ -90,7 +90,8 @@ class Search:
         }
 
 
-def _search(*entries: tuple[str, float, float, str], generations: int = 40) -> Search:
+def search_of(*entries: tuple[str, float, float, str], generations: int = 40) -> Search:
+    """Return the search of gains, each with the ends of its coordinate and its scale."""
     names, low, high, scale = zip(*entries, strict=True)
     return Search(names=names, low=low, high=high, scale=scale, generations=generations)
 
@@ -99,34 +100,34 @@ _MATRIX = 5.5  # sinh(5.5) = 122: a hundredth of the amplitude may ask for the w
 
 SEARCHES: Mapping[str, Search] = MappingProxyType(
     {
-        "cnvc": _search(("G1", -2.0, 2.5, "log"), ("G2", -2.0, 2.5, "log")),
-        "lnvc": _search(("G1", -1.0, 3.0, "log"), ("G2", -1.0, 3.0, "log")),
-        "ppf": _search(("G1", 0.0, 3.4, "log"), ("G2", 0.0, 3.4, "log")),
-        "ndf": _search(("G1", -1.0, 3.0, "log"), ("G2", -1.0, 3.0, "log")),
-        "pd": _search(
+        "cnvc": search_of(("G1", -2.0, 2.5, "log"), ("G2", -2.0, 2.5, "log")),
+        "lnvc": search_of(("G1", -1.0, 3.0, "log"), ("G2", -1.0, 3.0, "log")),
+        "ppf": search_of(("G1", 0.0, 3.4, "log"), ("G2", 0.0, 3.4, "log")),
+        "ndf": search_of(("G1", -1.0, 3.0, "log"), ("G2", -1.0, 3.0, "log")),
+        "pd": search_of(
             ("p1", -2500.0, 5000.0, "linear"),
             ("p2", -2500.0, 5000.0, "linear"),
             ("d1", -1.0, 3.0, "log"),
             ("d2", -1.0, 3.0, "log"),
             generations=60,
         ),
-        "skyhook": _search(("G", -1.0, 3.0, "log"), generations=15),
-        "groundhook": _search(("G", -1.0, 3.0, "log"), generations=15),
-        "lqr": _search(
+        "skyhook": search_of(("G", -1.0, 3.0, "log"), generations=15),
+        "groundhook": search_of(("G", -1.0, 3.0, "log"), generations=15),
+        "lqr": search_of(
             ("q2", -3.0, 3.0, "log"), ("r1", -7.0, 2.0, "log"), ("r2", -7.0, 2.0, "log")
         ),
-        "lqr-feedforward": _search(
+        "lqr-feedforward": search_of(
             ("q2", -3.0, 3.0, "log"), ("r1", -7.0, 2.0, "log"), ("r2", -7.0, 2.0, "log")
         ),
         # Its forces are those of the feedforward in steady motion, and so are its best weights.
-        "lqr-model": _search(
+        "lqr-model": search_of(
             ("q2", -3.0, 3.0, "log"), ("r1", -7.0, 2.0, "log"), ("r2", -7.0, 2.0, "log")
         ),
-        "state": _search(
+        "state": search_of(
             *((name, -_MATRIX, _MATRIX, "sinh") for name in catalogue.MATRIX_GAINS[:8]),
             generations=100,
         ),
-        "linear": _search(
+        "linear": search_of(
             *((name, -_MATRIX, _MATRIX, "sinh") for name in catalogue.MATRIX_GAINS),
             generations=150,
         ),

@@ -240,3 +240,28 @@ def asked_by(policy, scenario, cars):
 
     cars.drive(Asked(), scenario)
     return np.array(kept)
+
+
+def test_h_infinity_is_more_comfortable_than_skyhook_and_keeps_the_tyre_on_the_road(cars):
+    for scenario in escort_on_both(cars):
+        assert comfort(cars, "h-infinity", scenario) < comfort(cars, "skyhook", scenario)
+    rough = escort_on_both(cars)[1]
+    load = [
+        cars.drive(classical.make(name, rough), rough).signals["tyre_load"].min()
+        for name in ("h-infinity", "lqg")
+    ]
+    assert load[0] > load[1] > 0.0
+
+
+def test_the_tuned_passive_car_is_the_calmest_on_a_random_road(cars):
+    _, road = escort_on_both(cars)
+    assert comfort(cars, "passive", road) < comfort(cars, None, road)
+    best = comfort(cars, "passive", road)
+    # The forces of the actuator are held: a few percent of the damping more or less.
+    for off in (-600.0, 600.0):
+        assert best < comfort(cars, "passive", road, damping=977.2 - 1_459.4 + off)
+
+
+def test_a_damper_is_no_spring(cars):
+    with pytest.raises(ValueError, match="stiffness of a semi-active damper must be 0 N/m, got 5"):
+        classical.make("passive", cars.megane(), stiffness=5.0)
