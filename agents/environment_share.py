@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from stable_baselines3 import PPO
 
-from agents.vec_env import QuarterCarHumpVecEnv
+from qcar_env.agents.vec_env import QuarterCarHumpVecEnv
 
 
 def environment_share(

@@ -1,4 +1,4 @@
-"""The analytic gradient: the motion is differentiated through, behind `agents.trainer`.
+"""The analytic gradient: the motion is differentiated through, behind `qcar_env.agents.trainer`.
 
 The simulator is the plant itself: the functions that the engine compiles run on torch tensors as
 they stand. Of a linear plant the map over a control interval is read off them, by applying them to
@@ -17,9 +17,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from agents.networks import LawNet, Schedule, space
-from agents.recipes import GradientSettings, Recipe
-from agents.trainer import (
+from qcar_env.agents.networks import LawNet, Schedule, space
+from qcar_env.agents.recipes import GradientSettings, Recipe
+from qcar_env.agents.trainer import (
     Hook,
     annealed,
     arrays,
@@ -224,7 +224,7 @@ class GradientTrainer:
         return self._net
 
     def learn(self, hook: Hook) -> None:
-        """Train (see `agents.trainer.Trainer`)."""
+        """Train (see `qcar_env.agents.trainer.Trainer`)."""
         while self._done < self.recipe.steps:
             if not hook():
                 return

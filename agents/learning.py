@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents import scoring
-from agents.recipes import ALGORITHM_TITLES, RECIPES, Recipe
-from agents.scoring import score_all
-from agents.train import train
+from qcar_env.agents import scoring
+from qcar_env.agents.recipes import ALGORITHM_TITLES, RECIPES, Recipe
+from qcar_env.agents.scoring import score_all
+from qcar_env.agents.train import train
 from qcar_env.evaluation.agent import Agent
 from qcar_env.evaluation.statistics import bootstrap
 from qcar_env.evaluation.storage import command, made_with

@@ -1,6 +1,6 @@
 """The shipped agents, by name. Needs onnxruntime and onnx, not torch.
 
-from agents.load import load
+from qcar_env.agents.load import load
 policy = load("sac-paper")
 action, _ = policy.predict(observation)
 """

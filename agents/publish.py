@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from agents.load import PRETRAINED
-from agents.recipes import RECIPES
-from agents.scoring import score_all
+from qcar_env.agents.load import PRETRAINED
+from qcar_env.agents.recipes import RECIPES
+from qcar_env.agents.scoring import score_all
 from qcar_env.evaluation.agent import Agent
 from qcar_env.evaluation.storage import write_json
 from qcar_env.validation import known

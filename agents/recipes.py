@@ -16,7 +16,7 @@ What decided, in order (measured, see the learning report):
    (`qcar_env.envs.reward.Removed`). With it half a period of the forcing is horizon enough at
    s = 1, and gamma 0.93 learns in 10^5 intervals what gamma 0.98 did not in 5 10^5.
 2. Magnified copies of the state among the features, and a direct linear path from features to
-   action (`agents.networks`): the best classical laws are saturated linear ones.
+   action (`qcar_env.agents.networks`): the best classical laws are saturated linear ones.
 3. Many small updates: minibatches of 512, not of 4096. At batch 4096 the same number of steps
    has an eighth of the updates and got nowhere.
 4. PPO's exploration follows a schedule. The learned standard deviation collapses or stays.
@@ -30,7 +30,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Literal
 
-from agents.networks import FeatureMap
+from qcar_env.agents.networks import FeatureMap
 from qcar_env.envs.episode import RewardLike
 from qcar_env.evaluation.tracks import Track, track as find_track
 from qcar_env.scenarios import Scenario

@@ -1,4 +1,4 @@
-"""PPO, SAC and TD3 of Stable-Baselines3 behind the interface of `agents.trainer`."""
+"""PPO, SAC and TD3 of Stable-Baselines3 behind the interface of `qcar_env.agents.trainer`."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNo
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from torch import nn
 
-from agents.networks import (
+from qcar_env.agents.networks import (
     BentActorCriticPolicy,
     BentSACPolicy,
     Deterministic,
     Features,
 )
-from agents.recipes import OffPolicySettings, PPOSettings, Recipe
-from agents.trainer import (
+from qcar_env.agents.recipes import OffPolicySettings, PPOSettings, Recipe
+from qcar_env.agents.trainer import (
     Hook,
     annealed,
     arrays,
@@ -32,7 +32,7 @@ from agents.trainer import (
     set_generator_state,
     tensors,
 )
-from agents.vec_env import QuarterCarHumpVecEnv
+from qcar_env.agents.vec_env import QuarterCarHumpVecEnv
 
 BUFFER_ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 
@@ -78,7 +78,7 @@ class SB3Trainer:
         return Deterministic(self.model.policy) if self._average is None else self._average
 
     def learn(self, hook: Hook) -> None:
-        """Train (see `agents.trainer.Trainer`)."""
+        """Train (see `qcar_env.agents.trainer.Trainer`)."""
         left = self.recipe.steps - self.steps
         if left <= 0:
             return

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.recipes import Recipe
+from qcar_env.agents.recipes import Recipe
 from qcar_env.control import CNVC, LNVC
 from qcar_env.evaluation import bounds
 from qcar_env.evaluation.policy import Policy

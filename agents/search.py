@@ -1,4 +1,4 @@
-"""Policy search by CMA-ES: whole episodes, no gradient, behind the interface of `agents.trainer`.
+"""Policy search by CMA-ES: whole episodes, no gradient (`qcar_env.agents.trainer`).
 
 Each candidate's gains drive cars of their own, all in one fleet, to steady state; a candidate's
 value is the mean over the episodes of ``max_i(a_i / A_i)``, as the benchmark scores it. N.
@@ -18,9 +18,9 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from agents.networks import LawNet, Schedule, space
-from agents.recipes import Recipe, SearchSettings
-from agents.trainer import Hook
+from qcar_env.agents.networks import LawNet, Schedule, space
+from qcar_env.agents.recipes import Recipe, SearchSettings
+from qcar_env.agents.trainer import Hook
 from qcar_env.engine.held_law import linear_law
 from qcar_env.envs.episode import observed
 from qcar_env.evaluation.robustness import beside, loss_beside
@@ -55,7 +55,7 @@ def share(value: Any, nodes: Any, i: Any) -> Any:
 def scheduled_law(seen: Any, gains: Any, nodes: Any, action: Any) -> None:
     """Write the action of a law with gains (j, m, 8) at the `nodes` of road and force.
 
-    The force's nodes are the fastest (see `agents.networks.LawNet`).
+    The force's nodes are the fastest (see `qcar_env.agents.networks.LawNet`).
     """
     roads, forces = nodes
     road = math.sqrt(seen[4] * seen[4] + seen[5] * seen[5])
@@ -110,7 +110,7 @@ class Runs:
         duration : float
             Length of an episode [s].
         nodes : tuple
-            Of road and force (see `agents.networks.Schedule`).
+            Of road and force (see `qcar_env.agents.networks.Schedule`).
         """
         laws = len(gains)
         scheduled = gains.shape[1] > 1
@@ -149,9 +149,10 @@ class SearchTrainer:
 
     Notes
     -----
-    With several limits each has gains of its own (see `agents.networks.LawNet`): the search begins
-    at the largest limit, and each further one begins at the law found before it. Where the law has
-    nodes of road and force too, one law for all of them is searched first, and then refined.
+    With several limits each has gains of its own (see `qcar_env.agents.networks.LawNet`): the
+    search begins at the largest limit, and each further one begins at the law found before it.
+    Where the law has nodes of road and force too, one law for all of them is searched first, and
+    then refined.
 
     An episode from rest needs 40 s to be steady. Where there are many, candidates begin where the
     search's own guess has settled (`SearchSettings.settle`): they differ from it by little, and a
@@ -206,7 +207,7 @@ class SearchTrainer:
         return self._net
 
     def learn(self, hook: Hook) -> None:
-        """Search (see `agents.trainer.Trainer`)."""
+        """Search (see `qcar_env.agents.trainer.Trainer`)."""
         generations = sum(stage.generations for stage in self._stages)
         while len(self._told) < generations and self.steps < self.recipe.steps:
             if len(self._told) % GENERATIONS_A_HOOK == 0 and not hook():

@@ -26,11 +26,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from agents import scoring
-from agents.export import export_checked
-from agents.recipes import Recipe, as_dict
-from agents.scoring import score_all
-from agents.trainer import ActorPolicy, Trainer
+from qcar_env.agents import scoring
+from qcar_env.agents.export import export_checked
+from qcar_env.agents.recipes import Recipe, as_dict
+from qcar_env.agents.scoring import score_all
+from qcar_env.agents.trainer import ActorPolicy, Trainer
 from qcar_env.envs.episode import observed
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.agent import Agent
@@ -87,14 +87,14 @@ Report = Callable[[Progress, References], None]
 def make_trainer(recipe: Recipe, seed: int, tensorboard: str | None = None) -> Trainer:
     """Return the trainer of a recipe."""
     if recipe.algorithm == "cma":
-        from agents.search import SearchTrainer
+        from qcar_env.agents.search import SearchTrainer
 
         return SearchTrainer(recipe, seed)
     if recipe.algorithm == "gradient":
-        from agents.gradient import GradientTrainer
+        from qcar_env.agents.gradient import GradientTrainer
 
         return GradientTrainer(recipe, seed)
-    from agents.sb3 import SB3Trainer
+    from qcar_env.agents.sb3 import SB3Trainer
 
     return SB3Trainer(recipe, seed, tensorboard)
 

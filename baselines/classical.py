@@ -1,7 +1,7 @@
 """The controllers of real cars by name: one force between the masses, or a semi-active damper.
 
-They act in scenarios of cars with masses. The baselines of `baselines.catalogue` are those of the
-paper's car and its tracks.
+They act in scenarios of cars with masses. The baselines of `qcar_env.baselines.catalogue` are
+those of the paper's car and its tracks.
 """
 
 from __future__ import annotations

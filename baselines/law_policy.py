@@ -42,7 +42,8 @@ class LawPolicy:
     over `dt` for an input that runs straight from the last sample to this one (first-order hold),
     which is what a policy can know.
 
-    One actuator between the masses gives what it can of both forces (`baselines.actuation`).
+    One actuator between the masses gives what it can of both forces
+    (`qcar_env.baselines.actuation`).
     """
 
     reads: Literal["feedback"] = "feedback"  # the state only

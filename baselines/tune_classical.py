@@ -4,7 +4,7 @@ What is searched for is the least mean, over the scenarios, of the root mean squ
 travel and tyre deflection over what is acceptable of them: the measure that the designed
 controllers are designed by, so that those of a few gains are compared with them at their best.
 
-Search: differential evolution, as in `baselines.tune`.
+Search: differential evolution, as in `qcar_env.baselines.tune`.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ python scripts/benchmark.py --policy run/policy.onnx --force
 
 from __future__ import annotations
 
-from scripts import command  # first: it tells Ctrl-C in a line from here on
+from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
 
 # isort: split
 import argparse
@@ -21,9 +21,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import matplotlib  # noqa: E402
 
-import agents  # noqa: E402
-import baselines  # noqa: E402
-from qcar_env import report  # noqa: E402
+from qcar_env import agents, baselines, report  # noqa: E402
 from qcar_env.evaluation import benchmark, leaderboard, robustness, storage  # noqa: E402
 from qcar_env.evaluation.entry import entry_of  # noqa: E402
 from qcar_env.evaluation.tracks import TRACKS, track  # noqa: E402

@@ -6,7 +6,7 @@ python scripts/compare.py --laws none cnvc lnvc --gains lnvc:G1=40,G2=40
 
 from __future__ import annotations
 
-from scripts import command  # first: it tells Ctrl-C in a line from here on
+from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
 
 # isort: split
 import argparse
@@ -17,9 +17,8 @@ from pathlib import Path
 
 import matplotlib
 
-import agents
-from baselines import catalogue
-from qcar_env import report
+from qcar_env import agents, report
+from qcar_env.baselines import catalogue
 from qcar_env.evaluation import comparison, storage
 from qcar_env.evaluation.entry import Entry
 from qcar_env.evaluation.tracks import TRACKS

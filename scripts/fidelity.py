@@ -5,7 +5,7 @@ python scripts/fidelity.py
 
 from __future__ import annotations
 
-from scripts import command  # first: it tells Ctrl-C in a line from here on
+from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
 
 # isort: split
 import argparse

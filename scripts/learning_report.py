@@ -15,14 +15,12 @@ import argparse
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
-from scripts import command  # first: it tells Ctrl-C in a line from here on
+from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
 
 # isort: split
-from agents.learning import collect, levels, report
-from agents.recipes import RECIPES
-from baselines.tune import best
+from qcar_env.agents.learning import collect, levels, report
+from qcar_env.agents.recipes import RECIPES
+from qcar_env.baselines.tune import best
 from qcar_env.evaluation.storage import check_folder, replacing, write_csv, write_text
 from qcar_env.plots.learning import recipes as draw
 from qcar_env.validation import whole

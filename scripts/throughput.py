@@ -9,7 +9,7 @@ and quartiles are printed.
 
 from __future__ import annotations
 
-from scripts import command  # first: it tells Ctrl-C in a line from here on
+from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
 
 # isort: split
 import argparse
@@ -55,7 +55,7 @@ def _share() -> float | None:
     """Return the environment's share of PPO's training time, where SB3 is installed."""
     if not find_spec("stable_baselines3"):
         return None
-    from agents.environment_share import environment_share
+    from qcar_env.agents.environment_share import environment_share
 
     return environment_share()
 

@@ -15,14 +15,12 @@ import dataclasses
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
-
-from scripts import command  # first: it tells Ctrl-C in a line from here on
+from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
 
 # isort: split
-from agents.publish import check_unpublished, publish
-from agents.recipes import ALGORITHMS, TASKS, Recipe, recipe
-from agents.train import Progress, References, Result, check_new, resumed_recipe, train
+from qcar_env.agents.publish import check_unpublished, publish
+from qcar_env.agents.recipes import ALGORITHMS, TASKS, Recipe, recipe
+from qcar_env.agents.train import Progress, References, Result, check_new, resumed_recipe, train
 from qcar_env.evaluation.storage import check_folder, held, replacing
 from qcar_env.plots.learning import progress as draw
 from qcar_env.validation import positive, whole

@@ -6,14 +6,14 @@ python scripts/tune.py --track budget --force-scale 0.5 --baselines lnvc state -
 
 from __future__ import annotations
 
-from scripts import command  # first: it tells Ctrl-C in a line from here on
+from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
 
 # isort: split
 import argparse
 import sys
 import time
 
-from baselines import catalogue, tune
+from qcar_env.baselines import catalogue, tune
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.tracks import TRACKS, track
 from qcar_env.validation import known, positive, whole

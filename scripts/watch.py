@@ -10,7 +10,7 @@ policies begin to act after half a second.
 
 from __future__ import annotations
 
-from scripts import command  # first: it tells Ctrl-C in a line from here on
+from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
 
 # isort: split
 import argparse
@@ -18,8 +18,7 @@ import os
 import sys
 from pathlib import Path
 
-import agents
-import baselines
+from qcar_env import agents, baselines
 from qcar_env.evaluation.entry import Entry, entry_of
 from qcar_env.plots.film import Film, show, write
 from qcar_env.scenarios import SCENARIOS, scenario as find_scenario

@@ -136,7 +136,7 @@ class ParsedError(Exception):
 
 
 def check_script(script: str, words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    module = importlib.import_module(script.removesuffix(".py").replace("/", "."))
+    module = importlib.import_module(f"qcar_env.commands.{Path(script).stem}")
     parse = argparse.ArgumentParser.parse_args
 
     def parse_and_stop(self, args=None, namespace=None):

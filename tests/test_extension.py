@@ -15,9 +15,9 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from baselines.law_policy import LawPolicy
 from qcar_env.analysis.optimum import period_optimum
 from qcar_env.analysis.simulate import simulate
+from qcar_env.baselines.law_policy import LawPolicy
 from qcar_env.control.law import Law
 from qcar_env.control.lqr import sampled_plant
 from qcar_env.envs.reward import Term, WheelAmplitude
@@ -240,7 +240,7 @@ def test_each_of_them_acts(own):
 
 def test_stable_baselines_drives_and_learns(own):
     sb3 = pytest.importorskip("stable_baselines3")
-    from agents.vec_env import QuarterCarHumpVecEnv
+    from qcar_env.agents.vec_env import QuarterCarHumpVecEnv
 
     env = QuarterCarHumpVecEnv(N, scenario=own, observe=OBSERVED, reward=REWARD)
     alone = gym.make("QuarterCarHump-v0", scenario=own, observe=OBSERVED, reward=REWARD)

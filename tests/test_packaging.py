@@ -16,7 +16,9 @@ else:
     import tomli as tomllib
 
 ROOT = Path(__file__).parents[1]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT = PYPROJECT["project"]
+FOLDERS = PYPROJECT["tool"]["setuptools"]["package-dir"]  # by the name of the package
 # `make test` installs the other extras, so no version of these has been tested.
 UNTESTED_EXTRAS = {"cluster", "peers"}
 PYTHONS = ["3.10", "3.11", "3.12", "3.13"]
@@ -28,13 +30,8 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> ZipFile:
     source = tmp_path_factory.mktemp("source")
     for name in ("pyproject.toml", "README.md", "LICENSE"):
         copy(ROOT / name, source)
-    for package in ROOT.glob("*/__init__.py"):
-        copytree(
-            package.parent, source / package.parent.name, ignore=ignore_patterns("__pycache__")
-        )
-    for name in ("agents", "baselines"):  # present, whatever this checkout holds
-        (source / name).mkdir(exist_ok=True)
-        (source / name / "__init__.py").touch()
+    for folder in FOLDERS.values():
+        copytree(ROOT / folder, source / folder, ignore=ignore_patterns("__pycache__"))
     build = "import setuptools.build_meta as b; print(b.build_wheel('.'))"
     report = subprocess.run(
         [sys.executable, "-c", build], cwd=source, capture_output=True, text=True
@@ -48,9 +45,15 @@ def test_the_wheel_holds_qcar_env_alone(wheel: ZipFile):
     assert tops == {"qcar_env", f"qcar_env-{PROJECT['version']}.dist-info"}
 
 
-def test_the_wheel_holds_all_of_qcar_env(wheel: ZipFile):
-    modules = {path.relative_to(ROOT).as_posix() for path in ROOT.glob("qcar_env/**/*.py")}
-    assert modules | {"qcar_env/py.typed"} <= set(wheel.namelist())
+def test_the_wheel_holds_every_module_and_every_file_that_they_read(wheel: ZipFile):
+    wanted = {
+        f"{name.replace('.', '/')}/{path.relative_to(ROOT / folder).as_posix()}"
+        for name, folder in FOLDERS.items()
+        for path in (ROOT / folder).rglob("*")
+        if path.is_file() and path.suffix != ".pyc"
+    }
+    held = {name for name in wheel.namelist() if ".dist-info/" not in name}
+    assert held == wanted
 
 
 def test_the_wheel_carries_the_licence(wheel: ZipFile):

@@ -23,7 +23,7 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
-from baselines import catalogue
+from qcar_env.baselines import catalogue
 from qcar_env.control import LAWS
 from qcar_env.envs.episode import FULL
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv

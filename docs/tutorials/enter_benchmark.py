@@ -16,7 +16,7 @@ import sys
 
 import numpy as np
 
-import baselines
+from qcar_env import baselines
 from qcar_env.evaluation.benchmark import run
 from qcar_env.evaluation.entry import Entry
 from qcar_env.evaluation.tracks import TRACKS

@@ -16,7 +16,7 @@ import gymnasium as gym
 import numpy as np
 
 import qcar_env  # noqa: F401 - registers QuarterCarHump-v0
-from baselines import catalogue
+from qcar_env.baselines import catalogue
 from qcar_env.evaluation.metrics import reduction_db
 from qcar_env.evaluation.rollouts import rollout
 from qcar_env.scenarios import scenario

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from baselines.law_policy import LawPolicy
 from qcar_env.analysis.simulate import steady_amplitudes
+from qcar_env.baselines.law_policy import LawPolicy
 from qcar_env.control import CNVC
 from qcar_env.control.law import Law
 from qcar_env.evaluation.rollouts import rollout

@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.load import load
-from agents.recipes import recipe
-from agents.train import train
-from baselines import catalogue
+from qcar_env.agents.load import load
+from qcar_env.agents.recipes import recipe
+from qcar_env.agents.train import train
+from qcar_env.baselines import catalogue
 from qcar_env.evaluation.metrics import reduction_db
 from qcar_env.evaluation.rollouts import rollout
 from qcar_env.scenarios import scenario

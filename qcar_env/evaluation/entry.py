@@ -1,7 +1,8 @@
 """What enters an experiment: a policy with its name, what it reads, and how it is made.
 
-Entries come from `baselines.entries()`, from `agents.entries()`, and from `entry_of` for what is
-yours. They hold no policy but what makes one, so that they can be sent to other processes.
+Entries come from `qcar_env.baselines.entries()`, from `qcar_env.agents.entries()`, and from
+`entry_of` for what is yours. They hold no policy but what makes one, so
+that they can be sent to other processes.
 """
 
 from __future__ import annotations

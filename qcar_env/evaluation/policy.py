@@ -47,7 +47,7 @@ def check_policy(policy: Any) -> None:
     if isinstance(policy, type) or not callable(getattr(policy, "predict", None)):
         raise ValueError(
             f"policy must have the predict of Stable-Baselines3, got {policy!r}; "
-            "give an object, such as baselines.catalogue.make('cnvc')"
+            "give an object, such as qcar_env.baselines.catalogue.make('cnvc')"
         )
 
 

@@ -4,7 +4,7 @@ import pytest
 
 pytest.importorskip("stable_baselines3")
 
-from agents.environment_share import environment_share
+from qcar_env.agents.environment_share import environment_share
 
 
 def test_the_share_is_a_part_of_the_whole():

@@ -8,8 +8,8 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from agents.gradient import GradientTrainer, Motion  # noqa: E402
-from agents.recipes import RECIPES  # noqa: E402
+from qcar_env.agents.gradient import GradientTrainer, Motion  # noqa: E402
+from qcar_env.agents.recipes import RECIPES  # noqa: E402
 from qcar_env.engine.cars import SAME_STEP  # noqa: E402
 from qcar_env.envs.episode import Settings  # noqa: E402
 from qcar_env.parts.actuator import SuspensionActuator  # noqa: E402

@@ -10,10 +10,10 @@ import gymnasium as gym  # noqa: E402
 from stable_baselines3 import PPO, SAC  # noqa: E402
 
 import qcar_env  # noqa: E402, F401 - registers the environment
-from agents.recipes import RECIPES  # noqa: E402
-from agents.scoring import reference, run  # noqa: E402
-from agents.train import train  # noqa: E402
-from agents.vec_env import QuarterCarHumpVecEnv  # noqa: E402
+from qcar_env.agents.recipes import RECIPES  # noqa: E402
+from qcar_env.agents.scoring import reference, run  # noqa: E402
+from qcar_env.agents.train import train  # noqa: E402
+from qcar_env.agents.vec_env import QuarterCarHumpVecEnv  # noqa: E402
 from qcar_env.evaluation.tracks import TRACKS, episodes  # noqa: E402
 
 pytestmark = pytest.mark.learning

@@ -6,9 +6,9 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
-from agents import export  # noqa: E402
-from agents.export import TOLERANCE, export_checked, largest_difference  # noqa: E402
-from agents.networks import (  # noqa: E402
+from qcar_env.agents import export  # noqa: E402
+from qcar_env.agents.export import TOLERANCE, export_checked, largest_difference  # noqa: E402
+from qcar_env.agents.networks import (  # noqa: E402
     Deterministic,
     FeatureMap,
     Features,
@@ -16,8 +16,8 @@ from agents.networks import (  # noqa: E402
     Schedule,
     space,
 )
-from agents.recipes import RECIPES, recipe  # noqa: E402
-from agents.sb3 import SB3Trainer  # noqa: E402
+from qcar_env.agents.recipes import RECIPES, recipe  # noqa: E402
+from qcar_env.agents.sb3 import SB3Trainer  # noqa: E402
 
 LIMITS = (0.1, 0.25, 0.5, 0.75, 1.0)
 
@@ -110,7 +110,7 @@ def test_unknown_names_list_what_there_is():
 
 
 def test_ppo_and_sac_have_a_recipe_for_every_task():
-    from agents.recipes import TASKS
+    from qcar_env.agents.recipes import TASKS
 
     for task in TASKS:
         for algorithm in ("ppo", "sac", "cma", "gradient"):

@@ -10,10 +10,10 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("onnxruntime")
 
-from agents.load import PRETRAINED, load, names
-from agents.publish import FILES, LARGEST
-from agents.recipes import RECIPES
-from agents.scoring import optimum, run
+from qcar_env.agents.load import PRETRAINED, load, names
+from qcar_env.agents.publish import FILES, LARGEST
+from qcar_env.agents.recipes import RECIPES
+from qcar_env.agents.scoring import optimum, run
 from qcar_env.evaluation.tracks import episodes
 
 
@@ -66,7 +66,7 @@ def test_a_shipped_agent_is_small_safe_and_explains_itself(name):
 def test_an_agent_loads_without_torch():
     code = (
         "import sys; sys.modules['torch'] = None; sys.modules['stable_baselines3'] = None\n"
-        "import numpy as np; from agents.load import load\n"
+        "import numpy as np; from qcar_env.agents.load import load\n"
         "print(load('ppo-paper').predict(np.zeros(8))[0].shape)"
     )
     done = subprocess.run(

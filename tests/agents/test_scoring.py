@@ -4,7 +4,7 @@ pytest.importorskip("torch")
 
 import numpy as np
 
-from agents import scoring
+from qcar_env.agents import scoring
 from qcar_env.control import CNVC
 from qcar_env.evaluation.tracks import TRACKS, episodes
 

@@ -8,10 +8,10 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("onnxruntime")
 
-from agents import train as training  # noqa: E402
-from agents.load import load, names  # noqa: E402
-from agents.recipes import RECIPES, GradientSettings, OffPolicySettings, PPOSettings  # noqa: E402
-from agents.train import make_trainer, resumed_recipe, train  # noqa: E402
+from qcar_env.agents import train as training  # noqa: E402
+from qcar_env.agents.load import load, names  # noqa: E402
+from qcar_env.agents.recipes import RECIPES, GradientSettings, OffPolicySettings, PPOSettings  # noqa: E402
+from qcar_env.agents.train import make_trainer, resumed_recipe, train  # noqa: E402
 from qcar_env.evaluation.agent import Agent  # noqa: E402
 
 TINY = {

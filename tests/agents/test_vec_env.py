@@ -10,8 +10,8 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecMonitor, VecNormalize
 
-from agents.recipes import RECIPES
-from agents.vec_env import QuarterCarHumpVecEnv
+from qcar_env.agents.recipes import RECIPES
+from qcar_env.agents.vec_env import QuarterCarHumpVecEnv
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.envs.reward import removed_reward
 from qcar_env.scenarios import SCENARIOS

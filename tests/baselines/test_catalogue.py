@@ -4,8 +4,8 @@ import dataclasses
 
 import pytest
 
-from baselines import catalogue
 from qcar_env import SCENARIOS
+from qcar_env.baselines import catalogue
 from qcar_env.control import LAWS
 
 

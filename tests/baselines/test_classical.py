@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import qcar_env  # noqa: F401 - registers the environments
-from baselines import classical
+from qcar_env.baselines import classical
 from qcar_env.parts.actuator import LaggedSuspensionActuator
 from qcar_env.parts.sensor import Sensor
 from qcar_env.physics.car import QuarterCar

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.integrate import solve_ivp
 
-from baselines import catalogue
-from baselines.law_policy import LawPolicy, filter_matrices, first_order_hold
-from baselines.observation import scales_of
 from qcar_env import scenario
+from qcar_env.baselines import catalogue
+from qcar_env.baselines.law_policy import LawPolicy, filter_matrices, first_order_hold
+from qcar_env.baselines.observation import scales_of
 from qcar_env.control import CNVC, LAWS, LNVC, NDF, PD, PPF
 from qcar_env.control.skyhook import Skyhook
 from qcar_env.envs import episode as task

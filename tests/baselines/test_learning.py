@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from baselines import classical
-from baselines.learning import learn
+from qcar_env.baselines import classical
+from qcar_env.baselines.learning import learn
 from qcar_env.physics.car import QuarterCar
 from qcar_env.roads.shapes import Sine
 

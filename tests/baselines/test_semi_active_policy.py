@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import qcar_env  # noqa: F401 - registers the environments
-from baselines.semi_active_policy import SemiActivePolicy
+from qcar_env.baselines.semi_active_policy import SemiActivePolicy
 from qcar_env.control.semi_active import SEMI_ACTIVE_LAWS, LinearHybrid
 from qcar_env.parts.actuator import LaggedSemiActiveDamper, SuspensionActuator
 

@@ -6,10 +6,10 @@ import time
 import numpy as np
 import pytest
 
-from baselines import catalogue, mpc_policy
-from baselines.linear_policy import LinearPolicy
 from qcar_env import scenario
 from qcar_env.analysis.optimum import period_optimum
+from qcar_env.baselines import catalogue, mpc_policy
+from qcar_env.baselines.linear_policy import LinearPolicy
 from qcar_env.evaluation.rollouts import rollouts
 from qcar_env.evaluation.tracks import episodes, stated, track
 from qcar_env.parts.actuator import SemiActiveDamper

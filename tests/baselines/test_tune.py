@@ -5,11 +5,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from baselines import catalogue, tune
+from qcar_env.baselines import catalogue, tune
+from qcar_env.commands import tune as command
 from qcar_env.evaluation.rollouts import rollouts
 from qcar_env.evaluation.tracks import episodes, track
 from qcar_env.evaluation.workers import each_done
-from scripts import tune as command
 
 BUDGET = track("budget")
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from baselines import classical
-from baselines.tune_classical import CLASSICAL_SEARCHES, measure, tune_classical
+from qcar_env.baselines import classical
+from qcar_env.baselines.tune_classical import CLASSICAL_SEARCHES, measure, tune_classical
 
 
 def test_a_search_finds_the_damper_that_a_fine_grid_finds(cars):

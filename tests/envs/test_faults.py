@@ -243,7 +243,7 @@ def pushed(kind, actions):
         finally:
             state = env.states
     else:
-        env = pytest.importorskip("agents.vec_env").QuarterCarHumpVecEnv(3)
+        env = pytest.importorskip("qcar_env.agents.vec_env").QuarterCarHumpVecEnv(3)
         env.seed(0)
         env.reset()
         force, state = [each["force"] for each in env.step(actions)[3]], env.vector.states

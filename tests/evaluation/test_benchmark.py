@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from baselines import catalogue
+from qcar_env.baselines import catalogue
 from qcar_env.evaluation import benchmark, leaderboard
 from qcar_env.evaluation.benchmark import Failure, run
 from qcar_env.evaluation.bounds import optimum_of

@@ -5,9 +5,8 @@ import pickle
 
 import pytest
 
-import agents
-import baselines
-from baselines import catalogue
+from qcar_env import agents, baselines
+from qcar_env.baselines import catalogue
 from qcar_env.evaluation.entry import Entry, entry_of, may_enter, shown_to
 from qcar_env.evaluation.tracks import TRACKS, track
 
@@ -24,7 +23,7 @@ def test_names_are_unique_and_say_their_kind():
 
 
 def test_an_entry_survives_the_way_to_another_process():
-    for each in (*baselines.entries(), *agents.entries(), entry_of("baselines:entries")):
+    for each in (*baselines.entries(), *agents.entries(), entry_of("qcar_env.baselines:entries")):
         there = pickle.loads(pickle.dumps(each))
         assert dataclasses.replace(there, make=each.make) == each
         assert (there.make.func, there.make.args) == (each.make.func, each.make.args)

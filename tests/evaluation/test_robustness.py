@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from baselines import catalogue
+from qcar_env.baselines import catalogue
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.evaluation import robustness
 from qcar_env.evaluation.benchmark import run

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from baselines import catalogue
 from qcar_env import SCENARIOS, scenario
 from qcar_env.analysis.optimum import period_optimum
+from qcar_env.baselines import catalogue
 from qcar_env.envs import episode as task
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.evaluation.rollouts import rollout, rollouts

@@ -3,7 +3,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from baselines import catalogue
+from qcar_env.baselines import catalogue
 from qcar_env.evaluation import tracks
 from qcar_env.evaluation.score import score
 from qcar_env.evaluation.standings import standings

@@ -10,8 +10,9 @@ import plotly.graph_objects as go
 import pytest
 
 import qcar_env.report
-from baselines import catalogue
 from qcar_env.analysis.optimum import period_optimum
+from qcar_env.baselines import catalogue
+from qcar_env.commands import compare
 from qcar_env.control import LAWS
 from qcar_env.evaluation.benchmark import run
 from qcar_env.evaluation.comparison import PERIODS, Comparison
@@ -25,7 +26,6 @@ from qcar_env.report.comparison import comparison
 from qcar_env.report.content import Chart, Column, Curve, history, parameters
 from qcar_env.report.page import cell, render, specification
 from qcar_env.scenarios import SCENARIOS, scenario
-from scripts import compare
 
 
 def report_of(name, laws, duration):

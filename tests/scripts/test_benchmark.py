@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import agents
+from qcar_env import agents
+from qcar_env.commands import benchmark
 from qcar_env.evaluation import storage, tracks
 from qcar_env.evaluation.agent import OnnxPolicy
 from qcar_env.evaluation.tracks import Track
-from scripts import benchmark
 
 SHORT = Track(
     name="short",

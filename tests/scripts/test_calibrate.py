@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from scripts import calibrate
+from qcar_env.commands import calibrate
 
 
 @pytest.mark.slow

@@ -9,11 +9,15 @@ from pathlib import Path
 
 import pytest
 
+from qcar_env.commands import command as commands
 from qcar_env.evaluation import storage
-from scripts import command as commands
 
 ROOT = Path(__file__).parents[2]
-COMMANDS = sorted(path.stem for path in (ROOT / "scripts").glob("*.py") if path.stem != "command")
+COMMANDS = sorted(
+    path.stem
+    for path in (ROOT / "scripts").glob("*.py")
+    if path.stem not in ("__init__", "command")
+)
 LEARNING = ("train", "learning_report")  # commands that need torch
 
 
@@ -88,7 +92,7 @@ def test_what_cannot_be_is_refused_before_any_work(
     before = sorted(tmp_path.rglob("*"))
     if command == "tune" and "--out" not in arguments:
         arguments = [*arguments, "--out", "new.json"]
-    assert importlib.import_module(f"scripts.{command}").main(arguments) == 2
+    assert importlib.import_module(f"qcar_env.commands.{command}").main(arguments) == 2
     printed, said = capsys.readouterr()
     assert said.startswith(message)
     assert said.count("\n") == 1
@@ -163,7 +167,7 @@ def test_an_interrupt_that_is_ignored_stays_so():
 @pytest.mark.parametrize("command", COMMANDS)
 def test_an_interrupt_while_a_command_imports_is_told_in_a_line(command, tmp_path):
     text = "import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(30)\n"
-    for name in ("numpy", "torch", "matplotlib"):  # whichever it imports first
+    for name in ("numba", "torch", "matplotlib"):  # whichever it imports first
         (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
     run = (
         "import runpy, signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
@@ -185,7 +189,7 @@ def test_an_interrupt_while_a_command_imports_is_told_in_a_line(command, tmp_pat
 def test_output_that_nobody_takes_is_told_in_a_line():
     """It was told by the interpreter, after the end, with status 120."""
     run = (
-        "from scripts import command; "
+        "from qcar_env.commands import command; "
         "raise SystemExit(command.main('it', '', {}, lambda arguments: print('done'))([]))"
     )
     buffered = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
@@ -222,7 +226,7 @@ def test_a_file_that_grows_beyond_what_is_allowed_is_told_in_a_line(
     allowed = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, allowed[1]))
     try:
-        status = importlib.import_module(f"scripts.{command}").main(arguments)
+        status = importlib.import_module(f"qcar_env.commands.{command}").main(arguments)
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, allowed)
     assert status == 2
@@ -242,7 +246,7 @@ def test_a_name_too_long_for_a_file_is_refused_before_the_work(
         pytest.importorskip("torch")
     monkeypatch.chdir(tmp_path)
     out = "a" * 300 + name
-    assert importlib.import_module(f"scripts.{command}").main(["--out", out]) == 2
+    assert importlib.import_module(f"qcar_env.commands.{command}").main(["--out", out]) == 2
     said = capsys.readouterr().err
     assert "--out must have names of at most 240 bytes" in said
     assert said.count("\n") == 1

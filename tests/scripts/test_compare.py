@@ -6,12 +6,11 @@ import math
 
 import pytest
 
-import agents.load
-from baselines import catalogue
-from qcar_env import scenario
+from qcar_env import agents, scenario
 from qcar_env.analysis.paper.table1 import table1
+from qcar_env.baselines import catalogue
+from qcar_env.commands import compare
 from qcar_env.evaluation import storage
-from scripts import compare
 
 HUMP = ["--scenario", "mathworks-hump", "--duration", "1.5"]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts import fidelity
+from qcar_env.commands import fidelity
 
 PAGE = Path(__file__).parents[2] / "docs" / "fidelity.md"
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from qcar_env.analysis.paper.experiments import EFFECTS
-from scripts import figures
+from qcar_env.commands import figures
 
 
 def run(out, *arguments):

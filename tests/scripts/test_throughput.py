@@ -2,12 +2,12 @@
 
 import pytest
 
+from qcar_env.commands import throughput
 from qcar_env.evaluation.throughput import closed_loops, environments, timing
 from qcar_env.physics.car import REST
 from qcar_env.physics.motion import Phasor, Phasors, turning, turning_step
 from qcar_env.physics.rk4 import step_fractions
 from qcar_env.scenarios import PAPER_CAR
-from scripts import throughput
 
 
 class Counted:

@@ -9,9 +9,9 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 
-import agents.load
+from qcar_env import agents
+from qcar_env.commands import command, watch
 from qcar_env.plots.film import drive, look
-from scripts import command, watch
 
 SHORT = ["--duration", "0.2", "--wait", "0.05", "--size", "320", "240"]
 
