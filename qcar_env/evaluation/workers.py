@@ -128,7 +128,7 @@ def _packed(task: Task) -> bytes:
     try:
         return pickle.dumps(task)
     except Exception as error:
-        return pickle.dumps(partial(_raise, _portable(error)))
+        return pickle.dumps(partial(_raise, portable(error)))
 
 
 def _raise(error: BaseException) -> None:
@@ -145,11 +145,11 @@ def _work(tasks: Connection) -> None:
             try:
                 found = pickle.dumps((pickle.loads(task)(), None))
             except BaseException as error:
-                found = pickle.dumps((None, _portable(error)))
+                found = pickle.dumps((None, portable(error)))
             tasks.send_bytes(found)
 
 
-def _portable(error: BaseException) -> BaseException:
+def portable(error: BaseException) -> BaseException:
     """Return an error that can be read in another process."""
     try:
         pickle.loads(pickle.dumps(error))
