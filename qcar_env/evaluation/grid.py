@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from qcar_env.evaluation import storage
-from qcar_env.evaluation.workers import Task, portable
+from qcar_env.evaluation.workers import Task, one_by_one
 
 # Of a task: a core steps 10^6 car intervals under a law in a second or two (docs/performance.md).
 INTERVALS = 3_000_000
@@ -94,7 +94,7 @@ def run(
     progress(done, len(distinct))
     failed: dict[str, BaseException] = {}
     parts = chunks(todo, intervals)
-    tasks: list[Task] = [partial(_chunk, [each.work for each in part]) for part in parts]
+    tasks: list[Task] = [partial(one_by_one, [each.work for each in part]) for part in parts]
     with closing(execute(tasks)) as finished:
         for index, results, error in finished:
             part = parts[index]
@@ -137,16 +137,3 @@ def chunks(cells: Sequence[Cell], intervals: int) -> list[list[Cell]]:
 
 def _path(folder: Path, key: str) -> Path:
     return folder / key[:2] / f"{key}.json"  # 256 folders: 10^6 files in one are slow to list
-
-
-def _chunk(works: Sequence[Task]) -> list[tuple[Any, BaseException | None]]:
-    """Run cells one after another; what one raises stays with it."""
-    found: list[tuple[Any, BaseException | None]] = []
-    for work in works:
-        try:
-            found.append((work(), None))
-        except KeyboardInterrupt:
-            raise
-        except BaseException as error:
-            found.append((None, portable(error)))
-    return found
