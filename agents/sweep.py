@@ -328,7 +328,8 @@ def run_trial(trial: Trial, out: Path, report: Callable[[Progress], None] | None
         if (row := finished(trial, out)) is not None:
             return row
         told = None if report is None else lambda progress, beside: report(progress)
-        begin = partial(train, trial.recipe, trial.seed, folder, report=told)
+        again = f"python scripts/sweep.py --resume {out}"  # a worker has no command line of its own
+        begin = partial(train, trial.recipe, trial.seed, folder, report=told, command=again)
         killed = (folder / "checkpoint.pt").exists()
         try:
             begin(resume=killed, force=True)

@@ -18,7 +18,7 @@ else:
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 # `make test` installs the other extras, so no version of these has been tested.
-UNTESTED_EXTRAS = {"cluster", "peers"}
+UNTESTED_EXTRAS = {"peers"}
 PYTHONS = ["3.10", "3.11", "3.12", "3.13"]
 
 

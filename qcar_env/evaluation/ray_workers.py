@@ -117,8 +117,8 @@ def each_done(
                 try:
                     result, error = pickle.loads(ray.get(each))
                 except ray.exceptions.RayError as lost:
-                    first = str(lost).strip().splitlines()[0]
-                    result, error = None, WorkerDiedError(f"{type(lost).__name__}: {first}")
+                    last = str(lost).strip().splitlines()[-1]  # before it stands a trace
+                    result, error = None, WorkerDiedError(f"{type(lost).__name__}: {last}")
                 yield index, result, error
     finally:
         for each in running:
