@@ -1,5 +1,6 @@
 """Sweeps: what is trained, through every executor, and what a lost machine does to it."""
 
+import contextlib
 import dataclasses
 import json
 import math
@@ -390,13 +391,21 @@ def test_a_lost_raylet_and_a_killed_driver_change_nothing(tmp_path, undisturbed)
 
 
 @pytest.mark.learning
-def test_bad_trials_are_told_and_the_good_ones_are_trained(tmp_path):
+@pytest.mark.filterwarnings("default")
+@pytest.mark.parametrize("runner", ["pool", "ray"])
+def test_bad_trials_are_told_and_the_good_ones_are_trained(tmp_path, runner):
     pytest.importorskip("optuna")
     settings = {"n_steps": "0,64", "gamma": "0.93,1e200"}  # returns of 1e200 make weights nan
     swept = Sweep(settings=settings, points=12, steps=4096)
-    rows = sweeps.run(
-        swept, tmp_path, partial(sweeps.in_workers, partial(workers.each_done, jobs=2))
-    )
+    with contextlib.ExitStack() as stack:
+        execute = partial(sweeps.in_workers, partial(workers.each_done, jobs=2))
+        if runner == "ray":
+            pytest.importorskip("ray")
+            from agents import ray_sweep
+
+            execute = ray_sweep.execute
+            stack.enter_context(ray_workers.cluster(cores=2))
+        rows = sweeps.run(swept, tmp_path, execute)
     found = {}
     for row in rows:
         kinds = json.loads(row.settings)
