@@ -22,11 +22,11 @@ help: ## list these targets
 
 # Commands whose script this version does not have; `help` does not list them.
 absent := $(filter-out $(basename $(notdir $(wildcard scripts/*.py))), \
-	compare figures throughput benchmark train watch) $(if $(wildcard docs/conf.py),,docs)
+	compare figures throughput benchmark train sweep watch) $(if $(wildcard docs/conf.py),,docs)
 
 # ---- commands ---------------------------------------------------------------------------------
 
-.PHONY: compare report figures throughput benchmark train watch docs
+.PHONY: compare report figures throughput benchmark train sweep watch docs
 compare: scripts/compare.py $(VENV)/.installed-compare ## compare the control laws on the paper's worst case
 	$(PY) $< $(ARGS)
 
@@ -47,6 +47,9 @@ TRACK ?= paper
 SEED ?= 0
 train: scripts/train.py $(VENV)/.installed-train ## train an agent: ALGO=sac TRACK=paper SEED=0
 	$(PY) $< --algo $(ALGO) --track $(TRACK) --seed $(SEED) $(ARGS)
+
+sweep: scripts/sweep.py $(VENV)/.installed-sweep ## train over settings and seeds, on this machine or a cluster
+	$(PY) $< $(ARGS)
 
 watch: scripts/watch.py $(VENV)/.installed-watch ## watch a policy drive over the hump
 	$(PY) $< $(ARGS)
@@ -91,11 +94,12 @@ extras_compare := plots,run
 extras_report := plots,run,mpc,report
 extras_watch := plots,run,mpc,render
 extras_train := plots,run,mpc,train,render,report
+extras_sweep := plots,run,mpc,train,render,report,cluster
 extras_core := plots,run,mpc,render,report,test
 extras_lowest := plots,run,mpc,train,render,report,test
 extras_docs := plots,run,mpc,render,report,docs
-extras_test := plots,run,mpc,train,render,report,docs,test,dev
-stamps := $(addprefix $(VENV)/.installed-,compare report watch train core lowest docs test)
+extras_test := plots,run,mpc,train,render,report,docs,cluster,rllib,test,dev
+stamps := $(addprefix $(VENV)/.installed-,compare report watch train sweep core lowest docs test)
 
 # .venv is ready if it was made here and completely, and its Python still runs.
 ready := $(shell [ ! -e $(VENV)/.unfinished ] && [ "$$(cat $(VENV)/.root 2>/dev/null)" = "$(CURDIR)" ] \

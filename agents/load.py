@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from qcar_env.evaluation.agent import Agent, read_recipe
-from qcar_env.evaluation.entry import Entry
+from qcar_env.evaluation.entry import Entry, content
 from qcar_env.evaluation.tracks import TRACKS, Track
 from qcar_env.scenarios import Scenario
 from qcar_env.validation import known
@@ -76,6 +76,7 @@ def _entry(name: str, recipe: dict[str, Any]) -> Entry:
         make=partial(_make, name),
         reads=recipe["observe"],
         needs=seen + (", force limit" if recipe["observe_limit"] else ""),
+        source=content(PRETRAINED / name / "policy.onnx"),
     )
 
 

@@ -6,8 +6,9 @@ The episodes are those of `qcar_env.evaluation.tracks`; they end in true steady 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -134,12 +135,16 @@ class VelocityPolicy:
         deterministic: bool = True,
     ) -> tuple[NDArray[np.float32], Any]:
         """Return the law's force over its limit, clipped."""
-        scales = self.scenario.reference.scales
+        scales = self._scales
         seen = np.asarray(observation, dtype=np.float64)[:, :4].T
         x = State(*(z * scales[name] for z, name in zip(seen, State._fields, strict=True)))
         force = np.stack(self.law.command(x, None, self.law.numbers), axis=1)
         limits = self.force_scale * np.array(self.scenario.actuator.limit)
         return np.clip(force / limits, -1.0, 1.0).astype(np.float32), None
+
+    @cached_property
+    def _scales(self) -> Mapping[str, float]:
+        return self.scenario.reference.scales
 
 
 def reference(

@@ -109,6 +109,7 @@ def train(
     target_db: float | None = None,
     tensorboard: bool = False,
     report: Report | None = None,
+    command: str | None = None,
 ) -> Result:
     """Train an agent.
 
@@ -130,6 +131,8 @@ def train(
         Write TensorBoard files (PPO, SAC, TD3: with SB3's own losses).
     report : callable, optional
         Called after each live evaluation.
+    command : str, optional
+        What is written into command.txt; the command line of this process if left out.
 
     Returns
     -------
@@ -145,7 +148,9 @@ def train(
     if target_db is not None:
         positive("target", target_db, "dB")
     torch.set_num_threads(1)
-    snapshot = _open(folder, recipe, seed, resume=resume, force=force)
+    snapshot = _open(
+        folder, recipe, seed, resume=resume, force=force, command=command or storage.command()
+    )
     logs = str(folder / "tensorboard") if tensorboard else None
     trainer = make_trainer(recipe, seed, logs)
     if snapshot is not None:
@@ -316,7 +321,7 @@ class _Run:
 
 
 def _open(
-    folder: Path, recipe: Recipe, seed: int, *, resume: bool, force: bool
+    folder: Path, recipe: Recipe, seed: int, *, resume: bool, force: bool, command: str
 ) -> dict[str, Any] | None:
     """Prepare a run folder; return the snapshot that it is resumed from."""
     described = json.loads(
@@ -339,7 +344,7 @@ def _open(
         (folder / name).unlink(missing_ok=True)
     storage.write_json(folder / "recipe.json", described)
     storage.write_json(folder / "versions.json", storage.versions())
-    storage.write_text(folder / "command.txt", storage.command() + "\n")
+    storage.write_text(folder / "command.txt", command + "\n")
     return None
 
 

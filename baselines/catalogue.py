@@ -16,7 +16,7 @@ import numpy as np
 from qcar_env.control import LAWS
 from qcar_env.control.lqr import Weights
 from qcar_env.control.skyhook import Groundhook, Hybrid, Skyhook
-from qcar_env.evaluation.entry import Entry
+from qcar_env.evaluation.entry import Entry, content
 from qcar_env.evaluation.policy import Policy
 from qcar_env.evaluation.tracks import TRACKS, Track
 from qcar_env.scenarios import Scenario, scenario as find_scenario
@@ -307,6 +307,7 @@ def entries(names: Sequence[str] | None = None) -> tuple[Entry, ...]:
                 kind="tuned",
                 title=f"{each.title}, tuned",
                 make=partial(_make_tuned, each.name),
+                source=content(STORE),
             )
             for each in chosen
             if each.name in with_gains

@@ -3,6 +3,7 @@
 python scripts/benchmark.py
 python scripts/benchmark.py --policy my_module:my_policy --tracks budget randomised
 python scripts/benchmark.py --policy run/policy.onnx --force
+python scripts/benchmark.py --ray --address 10.0.0.1:6379 --seeds 0 1 2
 """
 
 from __future__ import annotations
@@ -12,7 +13,10 @@ from qcar_env.commands import command  # first: it tells Ctrl-C in a line from h
 # isort: split
 import argparse
 import os
+import shutil
 import sys
+import time
+from collections.abc import Sequence
 from pathlib import Path
 
 # Worker processes share the cores; more threads in each would only wait for one another.
@@ -22,9 +26,9 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import matplotlib  # noqa: E402
 
 from qcar_env import agents, baselines, report  # noqa: E402
-from qcar_env.evaluation import benchmark, leaderboard, robustness, storage  # noqa: E402
-from qcar_env.evaluation.entry import entry_of  # noqa: E402
-from qcar_env.evaluation.tracks import TRACKS, track  # noqa: E402
+from qcar_env.evaluation import benchmark, leaderboard, ray_workers, robustness, storage  # noqa: E402
+from qcar_env.evaluation.entry import Entry, entry_of  # noqa: E402
+from qcar_env.evaluation.tracks import TRACKS, Track, track  # noqa: E402
 from qcar_env.validation import whole  # noqa: E402
 
 OPTIONS: command.Options = {
@@ -47,7 +51,19 @@ OPTIONS: command.Options = {
     ),
     "no-agents": (False, "leave the shipped agents out"),
     "seed": (int, "draw the episodes with another seed than the tracks' [whole number]"),
+    "seeds": (
+        int,
+        "several of them; the results of each go into seed-N of the folder",
+        {"nargs": "+", "metavar": "N"},
+    ),
     "jobs": (os.cpu_count() or 1, "worker processes (default: one for each core)"),
+    "ray": (False, "run as a grid on Ray: a file for each cell in cells/, skipped if present"),
+    "address": (
+        str,
+        "host:port of a Ray cluster to join (default: a local one with --jobs cores)",
+        {"metavar": "HOST:PORT"},
+    ),
+    "merge": (False, "run nothing: make the results of what cells/ holds"),
     "out": (Path("results/benchmark"), "folder of the results (default: results/benchmark)"),
     "force": (False, "replace results that are there"),
     "report": (False, "write report.html, a page that opens offline"),
@@ -61,33 +77,78 @@ def run(arguments: argparse.Namespace) -> int:
     whole("jobs", arguments.jobs)
     if arguments.report:
         report.check_installed()
-    if arguments.seed is not None:
-        whole("seed", arguments.seed, least=0)
+    for each in (*(arguments.seeds or ()), arguments.seed):
+        if each is not None:
+            whole("seed", each, least=0)
     storage.check_folder(out, "leaderboard.md", "table.csv", "result.json", "report.html")
     storage.check_folder(out / "figures")
+    if arguments.seeds and arguments.seed is not None:
+        raise ValueError(f"--seed {arguments.seed} and --seeds cannot both be given; leave one out")
+    if arguments.ray and arguments.merge:
+        raise ValueError("--merge runs nothing; leave it or --ray out")
+    if arguments.address is not None and not arguments.ray:
+        raise ValueError(f"--address {arguments.address} is of a Ray cluster; give --ray too")
+    if arguments.ray:
+        ray_workers.check_installed()
     with storage.held(out):
         return _run(arguments)
 
 
 def _run(arguments: argparse.Namespace) -> int:
     out: Path = arguments.out
-    if (out / "result.json").exists() and not arguments.force:
-        raise ValueError(f"{out} already holds results; give --force to replace them, or --out")
-    outcome = benchmark.run(
-        [
-            each
-            for name in dict.fromkeys(arguments.tracks)
-            for each in (robustness.tracks() if name == "robustness" else (track(name),))
-        ],
-        (
-            *baselines.entries(arguments.baselines),
-            *(() if arguments.no_agents else agents.entries()),
-            *(entry_of(spec) for spec in arguments.policy),
-        ),
-        seed=arguments.seed,
-        jobs=arguments.jobs,
-        progress=_progress,
+    seeds: list[int | None] = list(dict.fromkeys(arguments.seeds or [arguments.seed]))
+    folders = [out / f"seed-{each}" if arguments.seeds else out for each in seeds]
+    for each in folders:
+        if (each / "result.json").exists() and not arguments.force:
+            raise ValueError(
+                f"{each} already holds results; give --force to replace them, or --out"
+            )
+    there = [
+        each
+        for name in dict.fromkeys(arguments.tracks)
+        for each in (robustness.tracks() if name == "robustness" else (track(name),))
+    ]
+    entered = (
+        *baselines.entries(arguments.baselines),
+        *(() if arguments.no_agents else agents.entries()),
+        *(entry_of(spec) for spec in arguments.policy),
     )
+    if arguments.ray or arguments.merge:
+        outcomes = _grid(there, entered, seeds, arguments)
+    else:
+        outcomes = (
+            benchmark.run(there, entered, seed=each, jobs=arguments.jobs, progress=_progress)
+            for each in seeds
+        )
+    return max(_write(*each, arguments) for each in zip(folders, outcomes, strict=True))
+
+
+def _grid(
+    there: Sequence[Track],
+    entered: Sequence[Entry],
+    seeds: Sequence[int | None],
+    arguments: argparse.Namespace,
+) -> tuple[benchmark.Outcome, ...]:
+    """Run the grid on Ray, or merge what is there."""
+    cells = arguments.out / "cells"
+    if arguments.merge:
+        return benchmark.run_grid(there, entered, cells, None, seeds=seeds)
+    if arguments.force:  # code that has changed under the same version does not show in a cell
+        shutil.rmtree(cells, ignore_errors=True)
+    begin = time.monotonic()
+
+    def progress(done: int, total: int) -> None:
+        spent = time.monotonic() - begin
+        rest = command.left(spent, done, total) if done else 0.0
+        command.say(f"[{done}/{total}] cells: {spent:.0f} s, about {rest:.0f} s left")
+
+    with ray_workers.cluster(arguments.address, arguments.jobs):
+        return benchmark.run_grid(
+            there, entered, cells, ray_workers.each_done, seeds=seeds, progress=progress
+        )
+
+
+def _write(out: Path, outcome: benchmark.Outcome, arguments: argparse.Namespace) -> int:
     try:  # what cannot be written is still said, and what cannot be said is still written
         names = leaderboard.write(out, outcome)
     finally:

@@ -20,7 +20,7 @@ PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = PYPROJECT["project"]
 FOLDERS = PYPROJECT["tool"]["setuptools"]["package-dir"]  # by the name of the package
 # `make test` installs the other extras, so no version of these has been tested.
-UNTESTED_EXTRAS = {"cluster", "peers"}
+UNTESTED_EXTRAS = {"peers"}
 PYTHONS = ["3.10", "3.11", "3.12", "3.13"]
 
 

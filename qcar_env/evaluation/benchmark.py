@@ -9,8 +9,13 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from qcar_env.envs.episode import observed
+from qcar_env.evaluation import grid, storage
 from qcar_env.evaluation.bounds import Bound, optimum_of
 from qcar_env.evaluation.entry import Entry, may_enter, shown_to
 from qcar_env.evaluation.score import History, Row, Scores, for_track, score
@@ -18,6 +23,7 @@ from qcar_env.evaluation.standings import Standing, findings, standings
 from qcar_env.evaluation.tracks import Track
 from qcar_env.evaluation.workers import Task, each_done
 from qcar_env.physics.signals import Signal
+from qcar_env.scenarios.files import as_record
 from qcar_env.validation import whole
 
 SLOWEST = ("mpc",)  # started first, so that no core waits for them at the end
@@ -143,12 +149,7 @@ def run(
         If two entries have one name, or a number is out of range.
     """
     whole("jobs", jobs)
-    if seed is not None:
-        whole("seed", seed, least=0)
-    names = [each.name for each in entries]
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f"two policies are called {name!r}; rename yours")
+    _check(entries, seed)
     order = sorted(entries, key=lambda each: each.name not in SLOWEST)
     distinct = _distinct(tracks)
     begin = time.monotonic()
@@ -178,8 +179,185 @@ def run(
                     # an error: the worker itself died
                     keep(each, _all_failed(each, tracks, error) if error else part)
         found = [optima[index] for index in sorted(optima)]
+    return _outcome(tracks, entries, seed, parts, dict(zip(distinct, found, strict=True)))
+
+
+def run_grid(
+    tracks: Sequence[Track],
+    entries: Sequence[Entry],
+    folder: Path,
+    execute: grid.Executor | None,
+    *,
+    seeds: Sequence[int | None] = (None,),
+    progress: grid.Progress = lambda done, total: None,
+) -> tuple[Outcome, ...]:
+    """Score entries on tracks as a grid: tracks x entries x seeds, a file for each cell.
+
+    Parameters
+    ----------
+    tracks, entries
+        See `run`, whose result is the same to the last bit.
+    folder : Path
+        Of the cells' files; what is there is not run again (see `qcar_env.evaluation.grid`).
+    execute : callable or None
+        Runs tasks, on a cluster for instance; with None nothing is run, and what the folder holds
+        is merged.
+    seeds : sequence of int or None
+        Of the episodes; None: the tracks' own.
+    progress : callable, optional
+        Called after each task.
+
+    Returns
+    -------
+    tuple of Outcome
+        One for each seed. Cells without a result are listed in `Outcome.failures`.
+
+    Raises
+    ------
+    ValueError
+        If two entries have one name, or a seed is out of range.
+    """
+    for seed in seeds:
+        _check(entries, seed)
+    cells = {seed: _cells(tracks, entries, seed) for seed in seeds}
+    failed: dict[str, BaseException] = {}
+    if execute is not None:
+        everything = [cell for each in cells.values() for cell, *_ in each]
+        failed = grid.run(everything, folder, execute, progress=progress)
+    return tuple(
+        _merged(tracks, entries, folder, seed, each, failed) for seed, each in cells.items()
+    )
+
+
+_Place = tuple[grid.Cell, Entry | None, list[Unit]]  # None: the optimum
+
+
+def _cells(tracks: Sequence[Track], entries: Sequence[Entry], seed: int | None) -> list[_Place]:
+    """Return a cell for each entry and each set of episodes, with the units that it counts for."""
+    alike: dict[tuple[Track, float], list[Track]] = {}
+    for track, scale in _units(tracks):
+        alike.setdefault((_alike(track), scale), []).append(track)
+    made_with = storage.versions()
+    slow = [each for each in entries if each.name in SLOWEST]
+    found: list[_Place] = []
+    for entry in (*slow, None, *(each for each in entries if each not in slow)):
+        for (key, scale), members in alike.items():
+            here = [dataclasses.replace(each, force_scales=(scale,)) for each in members]
+            work: Task = partial(_bounds, here[0], scale, seed)
+            if entry is not None:
+                work = partial(_scores, entry, here, seed)
+            config = {
+                "policy": "" if entry is None else entry.name,
+                "kind": "optimum" if entry is None else entry.kind,
+                "reads": None if entry is None else as_record(entry.reads),
+                "source": "" if entry is None else entry.source,
+                "tracks": [as_record(each) for each in here],
+                "versions": made_with,
+            }
+            intervals = key.episodes * round(key.duration / key.nominal.dt)
+            cell = grid.Cell(config=config, seed=seed, work=work, intervals=intervals)
+            found.append((cell, entry, [(each.name, scale) for each in members]))
+    return found
+
+
+def _scores(entry: Entry, tracks: Sequence[Track], seed: int | None) -> list[dict[str, Any]]:
+    """Return the scores of an entry on tracks with the same episodes, as JSON holds them."""
+    part = _enter(entry, tracks, seed)
+    if part.failures:
+        raise FailedError(part.failures)
+    return [
+        {
+            "track": name,
+            "force_scale": scale,
+            "rows": [dataclasses.asdict(row) for row in each.rows],
+            "history": {
+                field.name: getattr(each.history, field.name).tolist()
+                for field in dataclasses.fields(each.history)
+            },
+        }
+        for (name, scale), each in part.scores.items()
+    ]
+
+
+def _bounds(track: Track, scale: float, seed: int | None) -> list[dict[str, Any]]:
+    return [dataclasses.asdict(each) for each in optimum_of(track, scale, seed=seed)]
+
+
+class FailedError(RuntimeError):
+    """An entry did not run to the end."""
+
+    def __init__(self, failures: tuple[Failure, ...]) -> None:
+        super().__init__(failures)
+        self.failures = failures
+
+
+def _merged(
+    tracks: Sequence[Track],
+    entries: Sequence[Entry],
+    folder: Path,
+    seed: int | None,
+    cells: Sequence[_Place],
+    failed: Mapping[str, BaseException],
+) -> Outcome:
+    """Return what the cells of a seed hold."""
+    scores: dict[str, dict[Unit, Scores]] = {each.name: {} for each in entries}
+    failures: dict[str, list[Failure]] = {each.name: [] for each in entries}
+    bounds: dict[Unit, tuple[Bound, ...]] = {}
+    missing = FileNotFoundError(f"no result in {folder}; run the grid again")
+    for cell, entry, units in cells:
+        found = grid.read(folder, cell.key)
+        if entry is None:
+            # without a file it is found here: the standings need it
+            track = next(each for each in tracks if each.name == units[0][0])
+            found = _bounds(track, units[0][1], seed) if found is None else found
+            bounds |= dict.fromkeys(units, tuple(Bound(**each) for each in found))
+        elif found is None:
+            error = failed.get(cell.key, missing)
+            failures[entry.name] += (
+                error.failures
+                if isinstance(error, FailedError)
+                else [_failure(entry.name, *unit, error) for unit in units]
+            )
+        else:
+            for each in found:
+                scores[entry.name][(each["track"], each["force_scale"])] = Scores(
+                    rows=tuple(Row(**row) for row in each["rows"]),
+                    history=History(
+                        **{name: np.array(value) for name, value in each["history"].items()}
+                    ),
+                )
+    units = [(each.name, scale) for each, scale in _units(tracks)]
+    parts = {
+        name: _Part(
+            scores={unit: found[unit] for unit in units if unit in found},
+            failures=tuple(
+                sorted(failures[name], key=lambda each: units.index((each.track, each.force_scale)))
+            ),
+        )
+        for name, found in scores.items()
+    }
+    distinct = {(_alike(each), scale): bounds[(each.name, scale)] for each, scale in _units(tracks)}
+    return _outcome(tracks, entries, seed, parts, distinct)
+
+
+def _check(entries: Sequence[Entry], seed: int | None) -> None:
+    if seed is not None:
+        whole("seed", seed, least=0)
+    names = [each.name for each in entries]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"two policies are called {name!r}; rename yours")
+
+
+def _outcome(
+    tracks: Sequence[Track],
+    entries: Sequence[Entry],
+    seed: int | None,
+    parts: Mapping[str, _Part],
+    bounds: Mapping[tuple[Track, float], tuple[Bound, ...]],
+) -> Outcome:
+    """Put together what the entries brought home; `bounds` are by `_distinct`."""
     inside = {each.name: parts[each.name] for each in entries}
-    bounds = dict(zip(distinct, found, strict=True))
     return Outcome(
         tracks=tuple(tracks),
         seed=seed,

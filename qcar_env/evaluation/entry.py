@@ -7,6 +7,7 @@ that they can be sent to other processes.
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import sys
 from collections.abc import Callable
@@ -49,6 +50,9 @@ class Entry:
         What it is shown; None where only the policy itself can say.
     needs : str
         All that it knows, what it was designed on included, in words.
+    source : str
+        Hash of the file that it is loaded from, if any: a result that is kept for another content
+        is not its own.
     """
 
     name: str
@@ -57,6 +61,7 @@ class Entry:
     make: Maker
     reads: task.Observe | None = None
     needs: str = ""
+    source: str = ""
 
     def __post_init__(self) -> None:
         """Check that the name can stand in tables, figures, pages and spreadsheets.
@@ -115,7 +120,12 @@ def entry_of(spec: str) -> Entry:
         name = whole.parent.name if path.suffix and path.stem == "policy" else name
         reads = _loaded(path).reads
         return Entry(
-            name=name, kind="yours", title=name, make=partial(_from_file, whole), reads=reads
+            name=name,
+            kind="yours",
+            title=name,
+            make=partial(_from_file, whole),
+            reads=reads,
+            source=content(whole if path.suffix else whole / "policy.onnx"),
         )
     module, colon, attribute = spec.partition(":")
     if not colon or not module or not attribute:
@@ -124,7 +134,19 @@ def entry_of(spec: str) -> Entry:
             "for instance my_policy:policy"
         )
     _imported(spec)
-    return Entry(name=spec, kind="yours", title=spec, make=partial(_from_module, spec))
+    place = getattr(sys.modules[module], "__file__", None)
+    return Entry(
+        name=spec,
+        kind="yours",
+        title=spec,
+        make=partial(_from_module, spec),
+        source="" if place is None else content(Path(place)),
+    )
+
+
+def content(path: Path) -> str:
+    """Return the hash of a file's content."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]
 
 
 def _from_file(path: Path, scenario: Scenario, track: Track | None, force_scale: float) -> Any:

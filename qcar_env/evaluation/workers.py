@@ -93,6 +93,28 @@ def each_done(
             _end(pipe, process)
 
 
+def one_by_one(tasks: Sequence[Task]) -> list[tuple[Any, BaseException | None]]:
+    """Run tasks one after another as a task of their own; what one raises stays with it."""
+    found: list[tuple[Any, BaseException | None]] = []
+    for task in tasks:
+        try:
+            found.append((task(), None))
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            found.append((None, portable(error)))
+    return found
+
+
+def portable(error: BaseException) -> BaseException:
+    """Return an error that can be read in another process."""
+    try:
+        pickle.loads(pickle.dumps(error))
+    except Exception:
+        return RuntimeError("".join(traceback.format_exception_only(error)).strip())
+    return error
+
+
 def _worker() -> tuple[Any, SpawnProcess]:
     """Start a worker; return our end of the pipe to it, and its process."""
     mine, theirs = _SPAWN.Pipe()
@@ -128,7 +150,7 @@ def _packed(task: Task) -> bytes:
     try:
         return pickle.dumps(task)
     except Exception as error:
-        return pickle.dumps(partial(_raise, _portable(error)))
+        return pickle.dumps(partial(_raise, portable(error)))
 
 
 def _raise(error: BaseException) -> None:
@@ -145,17 +167,8 @@ def _work(tasks: Connection) -> None:
             try:
                 found = pickle.dumps((pickle.loads(task)(), None))
             except BaseException as error:
-                found = pickle.dumps((None, _portable(error)))
+                found = pickle.dumps((None, portable(error)))
             tasks.send_bytes(found)
-
-
-def _portable(error: BaseException) -> BaseException:
-    """Return an error that can be read in another process."""
-    try:
-        pickle.loads(pickle.dumps(error))
-    except Exception:
-        return RuntimeError("".join(traceback.format_exception_only(error)).strip())
-    return error
 
 
 def _end_with_parent() -> None:

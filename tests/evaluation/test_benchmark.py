@@ -170,3 +170,29 @@ def test_the_words_of_an_error_do_not_hide_the_rest_of_a_leaderboard():
     found = dataclasses.replace(run([CROSSING], [catalogue.entry("none")]), failures=(failed,))
     assert "<!--" not in leaderboard.leaderboard(found).replace("\\<", "")
     assert f"- {failed}" in leaderboard.summary(found)
+
+
+def test_a_grid_gives_what_a_run_gives_and_merges_what_is_there(tmp_path):
+    def here(tasks):
+        for index, task in enumerate(tasks):
+            yield index, task(), None
+
+    blind = dataclasses.replace(SHORT, name="blind", observe="feedback", force_scales=(1.0,))
+    mine = dataclasses.replace(
+        catalogue.entry("none"), name="fails", make=lambda scenario, track, scale: 3
+    )
+    tracks = (dataclasses.replace(SHORT, force_scales=(1.0, 0.5)), blind)
+    entries = (catalogue.entry("lqr-feedforward"), mine, catalogue.entry("cnvc"))
+    plain = run(tracks, entries, seed=7)
+    assert plain.failures
+    (found,) = benchmark.run_grid(tracks, entries, tmp_path, here, seeds=(7,))
+    for name in ("tracks", "seed", "rows", "bounds", "standings"):
+        assert getattr(found, name) == getattr(plain, name)
+    assert list(map(str, found.failures)) == list(map(str, plain.failures))
+    for key, each in plain.histories.items():
+        assert found.histories[key].x.tobytes() == each.x.tobytes()
+    assert list(found.histories) == list(plain.histories)
+    merged, other = benchmark.run_grid(tracks, entries, tmp_path, None, seeds=(7, 8))
+    assert merged.rows == plain.rows
+    assert not other.rows
+    assert {each.policy for each in other.failures} == {"lqr-feedforward", "fails", "cnvc"}

@@ -223,6 +223,10 @@ def test_results_are_not_overwritten_without_force(tmp_path, capsys):
         (["--policy", "nothing"], "--policy must be module:object"),
         (["--policy", "absent.onnx"], "no file absent.onnx"),
         (["--jobs", "0"], "jobs must be at least 1"),
+        (["--ray", "--merge"], "--merge runs nothing"),
+        (["--address", "127.0.0.1:1"], "give --ray too"),
+        (["--seed", "1", "--seeds", "2"], "cannot both be given"),
+        (["--seeds", "-2"], "seed must be at least 0"),
         (["--seed", "-1"], "seed must be at least 0, got -1"),
     ],
 )
