@@ -17,7 +17,8 @@ import numpy as np
 from qcar_env.envs.episode import observed
 from qcar_env.evaluation import grid, storage
 from qcar_env.evaluation.bounds import Bound, optimum_of
-from qcar_env.evaluation.entry import Entry, may_enter, shown_to
+from qcar_env.evaluation.entry import Entry, may_enter
+from qcar_env.evaluation.policy import shown_to
 from qcar_env.evaluation.score import History, Row, Scores, for_track, score
 from qcar_env.evaluation.standings import Standing, findings, standings
 from qcar_env.evaluation.tracks import Track

@@ -18,8 +18,9 @@ from qcar_env.analysis.paper.table1 import Cell, table1
 from qcar_env.control.law import Law
 from qcar_env.evaluation import storage, tables
 from qcar_env.evaluation.bounds import linear_plant
-from qcar_env.evaluation.entry import Entry, shown_to
+from qcar_env.evaluation.entry import Entry
 from qcar_env.evaluation.outcome import Outcome, outcome
+from qcar_env.evaluation.policy import shown_to
 from qcar_env.evaluation.rollouts import Rollout, rollout
 from qcar_env.scenarios import Scenario
 from qcar_env.scenarios.files import as_record

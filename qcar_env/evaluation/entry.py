@@ -92,11 +92,6 @@ def may_enter(reads: task.Observe, track: Track) -> bool:
     return set(task.observed(reads)) <= set(task.observed(track.observe))
 
 
-def shown_to(policy: Any, most: task.Observe) -> tuple[task.Observe, bool]:
-    """Return what a policy is shown, by default `most`, and whether it sees the force limit."""
-    return getattr(policy, "reads", most), bool(getattr(policy, "observe_limit", False))
-
-
 def entry_of(spec: str) -> Entry:
     """Return the entry of a policy of yours.
 

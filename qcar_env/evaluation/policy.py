@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from qcar_env.envs.episode import Observe
 from qcar_env.validation import numbers
 
 
@@ -81,3 +82,8 @@ def actions_of(
             f"return one number for each of {size} actuator(s) and {n} car(s)"
         )
     return action, found[1]
+
+
+def shown_to(policy: Any, most: Observe) -> tuple[Observe, bool]:
+    """Return what a policy is shown, by default `most`, and whether it sees the force limit."""
+    return getattr(policy, "reads", most), bool(getattr(policy, "observe_limit", False))

@@ -19,7 +19,7 @@ from qcar_env.engine.random import streams
 from qcar_env.engine.starts import MOTION_DRAWS, NOISE_DRAWS
 from qcar_env.envs import episode as task
 from qcar_env.evaluation import metrics
-from qcar_env.evaluation.policy import Policy, actions_of, check_policy
+from qcar_env.evaluation.policy import Policy, actions_of, check_policy, shown_to
 from qcar_env.evaluation.tracks import Episode
 from qcar_env.physics.peaks import largest_between
 from qcar_env.physics.signals import Signal, signal
@@ -145,7 +145,7 @@ def rollout(
     scenario: Scenario,
     *,
     duration: float | None = None,
-    observe: task.Observe = "full",
+    observe: task.Observe | None = None,
     state: ArrayLike = REST,
     phase: float = 0.0,
     seed: int = 0,
@@ -161,8 +161,9 @@ def rollout(
         What it acts in.
     duration : float, optional
         Length of the episode [s]; the scenario's if left out.
-    observe : {"full", "feedback"} or sequence
-        What the policy is shown.
+    observe : {"full", "feedback"} or sequence, optional
+        What the policy is shown; what it says itself that it reads if left out, and ``"full"`` if
+        it says nothing.
     state : array_like (4,)
         Start ``(x1, x2, v1, v2)`` [m, m, m/s, m/s].
     phase : float
@@ -196,8 +197,8 @@ def rollouts(
     episodes: Sequence[Episode],
     *,
     duration: float | None = None,
-    observe: task.Observe = "full",
-    observe_limit: bool = False,
+    observe: task.Observe | None = None,
+    observe_limit: bool | None = None,
     signals: Sequence[str | Signal] = (),
     last: int | None = None,
 ) -> Rollouts:
@@ -212,10 +213,11 @@ def rollouts(
         With the same parts, control interval and number of actuators.
     duration : float, optional
         Length of each [s]; the scenario's if left out.
-    observe : {"full", "feedback"} or sequence
-        What the policy is shown.
-    observe_limit : bool
-        Whether the force limit follows in the observation.
+    observe : {"full", "feedback"} or sequence, optional
+        What the policy is shown; what it says itself that it reads if left out, and ``"full"`` if
+        it says nothing.
+    observe_limit : bool, optional
+        Whether the force limit follows in the observation; as the policy says if left out.
     signals : sequence
         Names of `qcar_env.physics.signals.SIGNALS`, or signals of one's own, which are kept besides
         state, forces and rewards; to single precision.
@@ -230,7 +232,11 @@ def rollouts(
         number.
     """
     check_policy(policy)
-    shown = task.observed(observe, observe_limit)
+    reads, with_limit = shown_to(policy, "full")
+    shown = task.observed(
+        reads if observe is None else observe,
+        with_limit if observe_limit is None else observe_limit,
+    )
     kept = tuple(dataclasses.replace(signal(each), scale=UNSCALED) for each in signals)
     cars, lasting = fleet(episodes, (*shown, *kept), duration)
     n, size, dt, steps = cars.n, cars.actions, lasting.dt, lasting.steps

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from qcar_env.envs.episode import Observe, observed
 from qcar_env.evaluation import metrics
-from qcar_env.evaluation.entry import may_enter, shown_to
+from qcar_env.evaluation.entry import may_enter
 from qcar_env.evaluation.outcome import outcome
-from qcar_env.evaluation.policy import Policy
+from qcar_env.evaluation.policy import Policy, shown_to
 from qcar_env.evaluation.rollouts import Rollout, rollouts
 from qcar_env.evaluation.tracks import Episode, Split, Track, episodes
 
@@ -81,7 +81,7 @@ def score(
     Parameters
     ----------
     policy : Policy
-        What acts; what it is shown, it says itself (`qcar_env.evaluation.entry.shown_to`).
+        What acts; what it is shown, it says itself (`qcar_env.evaluation.policy.shown_to`).
     track : Track
         The track.
     force_scale : float

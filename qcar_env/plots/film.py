@@ -19,7 +19,8 @@ from PIL import Image
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.envs.rendering import Painter, Window
 from qcar_env.evaluation import storage
-from qcar_env.evaluation.entry import Entry, shown_to
+from qcar_env.evaluation.entry import Entry
+from qcar_env.evaluation.policy import shown_to
 from qcar_env.physics import linear
 from qcar_env.plots.style import Line, line
 from qcar_env.scenarios import Scenario
