@@ -50,7 +50,7 @@ def test_the_wheel_holds_every_module_and_every_file_that_they_read(wheel: ZipFi
         f"{name.replace('.', '/')}/{path.relative_to(ROOT / folder).as_posix()}"
         for name, folder in FOLDERS.items()
         for path in (ROOT / folder).rglob("*")
-        if path.is_file() and path.suffix != ".pyc"
+        if path.is_file() and path.parent.name != "__pycache__"
     }
     held = {name for name in wheel.namelist() if ".dist-info/" not in name}
     assert held == wanted
