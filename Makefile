@@ -17,42 +17,54 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3.10 python3; 
 .PHONY: help
 help: ## list these targets
 	@echo 'usage: make TARGET [ARGS="..."]'
-	@awk -F ':.*## ' -v absent=' $(absent) ' '/^[a-z-]+:.*## / && !index(absent, " " $$1 " ") \
-		{ printf "  %-14s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
-
-# Commands whose script this version does not have; `help` does not list them.
-absent := $(filter-out $(basename $(notdir $(wildcard scripts/*.py))), \
-	compare figures throughput benchmark train sweep watch) $(if $(wildcard docs/conf.py),,docs)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-15s %s\n", $$1, $$2 }' \
+		$(firstword $(MAKEFILE_LIST))
 
 # ---- commands ---------------------------------------------------------------------------------
 
-.PHONY: compare report figures throughput benchmark train sweep watch docs
-compare: scripts/compare.py $(VENV)/.installed-compare ## compare the control laws on the paper's worst case
-	$(PY) $< $(ARGS)
+# `qcar --help` lists the same commands; results go into results/ and runs/.
+QCAR := $(VENV)/bin/qcar
 
-report: scripts/compare.py $(VENV)/.installed-report ## the same with an interactive page, results/compare/report.html
-	$(PY) $< --report $(ARGS)
+.PHONY: compare report watch benchmark train sweep learning-report tune figures fidelity calibrate \
+	throughput docs
+compare: $(VENV)/.installed-compare ## compare the control laws on the paper's worst case
+	$(QCAR) $@ $(ARGS)
 
-figures: scripts/figures.py $(VENV)/.installed-compare ## make the figures
-	$(PY) $< $(ARGS)
+report: $(VENV)/.installed-report ## the same with an interactive page, results/compare/report.html
+	$(QCAR) $@ $(ARGS)
 
-throughput: scripts/throughput.py $(VENV)/.installed-train ## measure environment steps per second
-	$(PY) $< $(ARGS)
+watch: $(VENV)/.installed-watch ## watch a policy drive over the hump
+	$(QCAR) $@ $(ARGS)
 
-benchmark: scripts/benchmark.py $(VENV)/.installed-train ## score every policy on every track
-	$(PY) $< $(ARGS)
+benchmark: $(VENV)/.installed-train ## score every policy on every track
+	$(QCAR) $@ $(ARGS)
 
 ALGO ?= sac
 TRACK ?= paper
 SEED ?= 0
-train: scripts/train.py $(VENV)/.installed-train ## train an agent: ALGO=sac TRACK=paper SEED=0
-	$(PY) $< --algo $(ALGO) --track $(TRACK) --seed $(SEED) $(ARGS)
+train: $(VENV)/.installed-train ## train an agent: ALGO=sac TRACK=paper SEED=0
+	$(QCAR) $@ --algo $(ALGO) --track $(TRACK) --seed $(SEED) $(ARGS)
 
-sweep: scripts/sweep.py $(VENV)/.installed-sweep ## train over settings and seeds, on this machine or a cluster
-	$(PY) $< $(ARGS)
+sweep: $(VENV)/.installed-sweep ## train over settings and seeds, on this machine or a cluster
+	$(QCAR) $@ $(ARGS)
 
-watch: scripts/watch.py $(VENV)/.installed-watch ## watch a policy drive over the hump
-	$(PY) $< $(ARGS)
+learning-report: $(VENV)/.installed-train ## how agents learn, from the runs in runs/
+	$(QCAR) $@ $(ARGS)
+
+tune: $(VENV)/.installed-compare ## tune the gains of the scripted policies, into baselines/tuned.json
+	$(QCAR) $@ --out baselines/tuned.json $(ARGS)
+
+figures: $(VENV)/.installed-compare ## make the paper's figures
+	$(QCAR) $@ $(ARGS)
+
+fidelity: $(VENV)/.installed-compare ## write docs/fidelity.md: the paper beside ours
+	$(QCAR) $@ --out docs/fidelity.md $(ARGS)
+
+calibrate: $(VENV)/.installed-compare ## repeat the calibration on the paper's Table 1
+	$(QCAR) $@ $(ARGS)
+
+throughput: $(VENV)/.installed-train ## measure environment steps per second
+	$(QCAR) $@ $(ARGS)
 
 docs: docs/conf.py $(VENV)/.installed-docs ## build the documentation into docs/_build/html
 	$(PY) -m sphinx -W --keep-going -b html docs docs/_build/html $(ARGS)

@@ -82,7 +82,7 @@ def collect(
             curves += _curves(recipe, folders)
     if not rows:
         raise ValueError(
-            f"no finished runs in {runs}; make some with scripts/train.py, or name --recipes "
+            f"no finished runs in {runs}; make some with qcar train, or name --recipes "
             "and give --train"
         )
     return rows, curves
@@ -203,7 +203,7 @@ def report(rows: Sequence[dict[str, Any]]) -> str:
     present = dict.fromkeys(row["algorithm"] for row in rows)
     lines += ["", *(f"- {name}: {ALGORITHM_TITLES[name]}" for name in present)]
     lines += [
-        "- tuned: the best classical law of scripts/tune.py with the same information, chosen and",
+        "- tuned: the best classical law of qcar tune with the same information, chosen and",
         "  scored on the same held-out set, which favours it",
         "- velocity: saturated linear velocity feedback with gain 100 1/s on both masses",
         "- CNVC: the paper's law with its gain 1.2, saturated at the same limit",

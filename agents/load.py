@@ -33,7 +33,7 @@ def load(agent: str | Path) -> Agent:
     ----------
     agent : str or Path
         A name, such as ``sac-paper`` (see `names`), or a folder with ``policy.onnx`` and
-        ``recipe.json``: a run folder of ``scripts/train.py``.
+        ``recipe.json``: a run folder of ``qcar train``.
 
     Returns
     -------

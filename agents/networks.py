@@ -29,43 +29,10 @@ from stable_baselines3.sac.policies import Actor as SACActor, SACPolicy
 from stable_baselines3.td3.policies import Actor as TD3Actor, TD3Policy
 from torch import Tensor, nn
 
+from qcar_env.agents.recipes import FeatureMap
 from qcar_env.envs import episode as task
-from qcar_env.validation import known, positive
 
 TINY = 1e-6  # [-] keeps a direction defined where the road is flat
-FEATURES = ("plain", "full", "feedback")
-
-
-@dataclass(frozen=True, kw_only=True)
-class FeatureMap:
-    """What the networks see.
-
-    Parameters
-    ----------
-    kind : {"plain", "full", "feedback"}
-        ``plain``: the observation as it is. ``full``: everything above. ``feedback``: what the
-        state alone gives.
-    magnify : tuple of float
-        Magnification of wheel and body [-].
-    bound : float
-        Where the magnified entries are clipped [-].
-
-    Raises
-    ------
-    ValueError
-        If a number is not positive or the kind is unknown.
-    """
-
-    kind: str = "full"
-    magnify: tuple[float, float] = (90.0, 90.0)
-    bound: float = 3.0
-
-    def __post_init__(self) -> None:
-        """Check kind and numbers."""
-        known("feature map", self.kind, FEATURES)
-        for gain in self.magnify:
-            positive("magnification", gain)
-        positive("bound", self.bound)
 
 
 def space(observe: task.Observe, observe_limit: bool) -> gym.spaces.Box:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from qcar_env.agents.load import PRETRAINED
 from qcar_env.agents.recipes import RECIPES
 from qcar_env.agents.scoring import score_all
 from qcar_env.evaluation.agent import Agent
@@ -21,13 +20,13 @@ LARGEST = 1_000_000  # bytes of a shipped file
 FILES = ("policy.onnx", "recipe.json", "command.txt", "versions.json")
 
 
-def check_unpublished(name: str, *, into: Path = PRETRAINED, force: bool = False) -> None:
+def check_unpublished(name: str, into: Path, *, force: bool = False) -> None:
     """Raise ValueError where there is an agent of this name and `force` is not given."""
     if (into / name).exists() and not force:
         raise ValueError(f"there is an agent {name} in {into}; replace it with --force")
 
 
-def publish(folders: Sequence[Path], *, into: Path = PRETRAINED, force: bool = False) -> Path:
+def publish(folders: Sequence[Path], into: Path, *, force: bool = False) -> Path:
     """Copy the best of several runs of one recipe, with the results of all of them.
 
     Parameters
@@ -57,7 +56,7 @@ def publish(folders: Sequence[Path], *, into: Path = PRETRAINED, force: bool = F
     name = names.pop()
     recipe = RECIPES[known("recipe", name, RECIPES)]
     out = into / name
-    check_unpublished(name, into=into, force=force)
+    check_unpublished(name, into, force=force)
     for folder in folders:
         size = (folder / "policy.onnx").stat().st_size
         if size > LARGEST:

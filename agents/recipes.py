@@ -30,13 +30,13 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Literal
 
-from qcar_env.agents.networks import FeatureMap
 from qcar_env.envs.episode import RewardLike
 from qcar_env.evaluation.tracks import Track, track as find_track
 from qcar_env.scenarios import Scenario
 from qcar_env.scenarios.randomise import Choice, Vary
-from qcar_env.validation import known, non_negative, whole
+from qcar_env.validation import known, non_negative, positive, whole
 
+FEATURES = ("plain", "full", "feedback")
 Algorithm = Literal["ppo", "sac", "td3", "cma", "gradient"]
 ALGORITHMS: tuple[Algorithm, ...] = ("ppo", "sac", "td3", "cma", "gradient")
 ALGORITHM_TITLES: Mapping[str, str] = MappingProxyType(
@@ -48,6 +48,38 @@ ALGORITHM_TITLES: Mapping[str, str] = MappingProxyType(
         "gradient": "analytic gradient through the equations of motion",
     }
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeatureMap:
+    """What the networks see.
+
+    Parameters
+    ----------
+    kind : {"plain", "full", "feedback"}
+        ``plain``: the observation as it is. ``full``: everything that
+        `qcar_env.agents.networks` makes. ``feedback``: what the state alone gives.
+    magnify : tuple of float
+        Magnification of wheel and body [-].
+    bound : float
+        Where the magnified entries are clipped [-].
+
+    Raises
+    ------
+    ValueError
+        If a number is not positive or the kind is unknown.
+    """
+
+    kind: str = "full"
+    magnify: tuple[float, float] = (90.0, 90.0)
+    bound: float = 3.0
+
+    def __post_init__(self) -> None:
+        """Check kind and numbers."""
+        known("feature map", self.kind, FEATURES)
+        for gain in self.magnify:
+            positive("magnification", gain)
+        positive("bound", self.bound)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -400,7 +400,7 @@ def resumed_recipe(folder: Path) -> tuple[str, str, int, int]:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(
             f"{folder} is no run folder ({type(error).__name__}: {error}); "
-            "give one that scripts/train.py made"
+            "give one that qcar train made"
         ) from None
 
 

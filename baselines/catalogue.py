@@ -237,7 +237,7 @@ def stored(name: str, track: str, force_scale: float) -> dict[str, Any]:
         there = sorted({entry[0] for entry in _stored() if entry[1:] == key[1:]})
         raise ValueError(
             f"no tuned gains of {name!r} for track {track!r} at force scale {force_scale:g}; "
-            f"there are {', '.join(there) or 'none'}; make them with scripts/tune.py"
+            f"there are {', '.join(there) or 'none'}; make them with qcar tune"
         )
     return _stored()[key]
 

@@ -1,16 +1,13 @@
 """Score every policy on every track, beside the optimum that none can pass.
 
-python scripts/benchmark.py
-python scripts/benchmark.py --policy my_module:my_policy --tracks budget randomised
-python scripts/benchmark.py --policy run/policy.onnx --force
-python scripts/benchmark.py --ray --address 10.0.0.1:6379 --seeds 0 1 2
+qcar benchmark
+qcar benchmark --policy my_module:my_policy --tracks budget randomised
+qcar benchmark --policy run/policy.onnx --force
+qcar benchmark --ray --address 10.0.0.1:6379 --seeds 0 1 2
 """
 
 from __future__ import annotations
 
-from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
-
-# isort: split
 import argparse
 import os
 import shutil
@@ -19,17 +16,12 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-# Worker processes share the cores; more threads in each would only wait for one another.
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
-
-import matplotlib  # noqa: E402
-
-from qcar_env import agents, baselines, report  # noqa: E402
-from qcar_env.evaluation import benchmark, leaderboard, ray_workers, robustness, storage  # noqa: E402
-from qcar_env.evaluation.entry import Entry, entry_of  # noqa: E402
-from qcar_env.evaluation.tracks import TRACKS, Track, track  # noqa: E402
-from qcar_env.validation import whole  # noqa: E402
+from qcar_env import agents, baselines, report
+from qcar_env.commands import command
+from qcar_env.evaluation import benchmark, leaderboard, ray_workers, robustness, storage
+from qcar_env.evaluation.entry import Entry, entry_of
+from qcar_env.evaluation.tracks import TRACKS, Track, track
+from qcar_env.validation import whole
 
 OPTIONS: command.Options = {
     "tracks": (
@@ -74,6 +66,9 @@ OPTIONS: command.Options = {
 def run(arguments: argparse.Namespace) -> int:
     """Run the benchmark and write its results."""
     out: Path = arguments.out
+    # Worker processes share the cores; more threads in each would only wait for one another.
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
     whole("jobs", arguments.jobs)
     if arguments.report:
         report.check_installed()
@@ -180,7 +175,3 @@ def _progress(name: str, done: int, total: int, spent: float) -> None:
 
 
 main = command.main("benchmark", __doc__, OPTIONS, run)
-
-if __name__ == "__main__":
-    matplotlib.use("Agg")
-    sys.exit(main())

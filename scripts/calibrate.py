@@ -1,16 +1,12 @@
 """Repeat the calibration of the preset `paper` on the paper's Table 1, and show how flat it is.
 
-python scripts/calibrate.py
-python scripts/calibrate.py --omegas 40 55 70
+qcar calibrate
+qcar calibrate --omegas 40 55 70
 """
 
 from __future__ import annotations
 
-from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
-
-# isort: split
 import argparse
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -22,6 +18,7 @@ from qcar_env.analysis.paper import calibration
 from qcar_env.analysis.paper.experiments import trends
 from qcar_env.analysis.paper.forced_car import from_scenario
 from qcar_env.analysis.paper.table1 import PRINTED
+from qcar_env.commands import command
 from qcar_env.control import CNVC
 from qcar_env.evaluation import storage
 from qcar_env.scenarios import scenario
@@ -31,7 +28,6 @@ OMEGAS = (26.0, 33.0, 40.0, 47.0, 55.0, 60.0, 66.0)  # [rad/s]
 
 
 OPTIONS: command.Options = {
-    "preset": ("paper", "scenario to start from"),
     "omegas": (
         OMEGAS,
         "common frequencies at which the fit is repeated [rad/s]",
@@ -46,7 +42,7 @@ def run(arguments: argparse.Namespace) -> None:
     storage.check_folder(arguments.out)
     for omega in arguments.omegas:
         positive("omega", omega, "rad/s")
-    start = calibration.candidate_of(from_scenario(scenario(arguments.preset)))
+    start = calibration.candidate_of(from_scenario(scenario("paper")))
     calibrate(start, arguments.omegas, arguments.out)
 
 
@@ -100,6 +96,3 @@ def calibrate(start: calibration.Candidate, omegas: Sequence[float], out: Path) 
 
 
 main = command.main("calibrate", __doc__.splitlines()[0], OPTIONS, run)
-
-if __name__ == "__main__":
-    sys.exit(main())

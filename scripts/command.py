@@ -1,8 +1,4 @@
-"""What all commands share: options as a table, how they end, and progress.
-
-Commands import this file before all others: Ctrl-C while those are imported, which takes seconds,
-is told in a line from here on.
-"""
+"""What all commands share: options as a table, how they end, and progress."""
 
 from __future__ import annotations
 
@@ -16,15 +12,23 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from qcar_env.scenarios import SCENARIOS
+
 # Flag: its default, or the type of what has none; its help; what argparse is told besides. A
 # default of False makes a switch, a tuple takes several values.
 Options = Mapping[str, tuple[Any, str | None] | tuple[Any, str | None, dict[str, Any]]]
 
 
-def parser(description: str, options: Options) -> argparse.ArgumentParser:
+# The same in every command that takes a scenario.
+SCENARIO = f"a preset ({', '.join(SCENARIOS)}), a TOML or JSON file, or module:object"
+
+
+def parser(name: str, description: str, options: Options) -> argparse.ArgumentParser:
     """Return the parser of a command."""
     made = argparse.ArgumentParser(
-        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+        prog=f"qcar {name}",
+        description=description,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     for flag, (default, words, *more) in options.items():
         given: dict[str, Any] = {"default": default}
@@ -55,7 +59,7 @@ def main(
     Parameters
     ----------
     name : str
-        Before the refusal.
+        As `qcar` knows it; it stands before the refusal.
     description, options
         See `parser`.
     work : callable
@@ -65,7 +69,7 @@ def main(
     """
 
     def run(argv: Sequence[str] | None = None) -> int:
-        arguments = parser(description, options).parse_args(argv)
+        arguments = parser(name, description, options).parse_args(argv)
         told: list[int] = []
         try:
             with _unwinding(told):
@@ -73,17 +77,17 @@ def main(
                 sys.stdout.flush()  # what it refuses is told here, not after the end
                 return status
         except (ValueError, *errors) as error:
-            return _ended(name, str(error), 2)
+            return ended(name, str(error), 2)
         except OSError as error:
             where = "" if error.filename is None else f": {error.filename}"
-            return _ended(name, f"{error.strerror or error}{where}", 2)
+            return ended(name, f"{error.strerror or error}{where}", 2)
         except MemoryError as error:
-            return _ended(name, f"not enough memory ({error}); ask for less", 2)
+            return ended(name, f"not enough memory ({error}); ask for less", 2)
         except KeyboardInterrupt as interrupt:
             number = told[-1] if told else signal.SIGINT
             how = "terminated" if number == signal.SIGTERM else "interrupted"
             print(file=sys.stderr)  # after a progress bar, or ^C
-            return _ended(name, f"{how}. {interrupt}", 128 + number)
+            return ended(name, f"{how}. {interrupt}", 128 + number)
 
     return run
 
@@ -113,7 +117,7 @@ def _unwinding(told: list[int]) -> Generator[None, None, None]:
             signal.signal(each, was)
 
 
-def _ended(name: str, why: str, status: int) -> int:
+def ended(name: str, why: str, status: int) -> int:
     """Say in one line why a command ends, and return its status."""
     try:
         sys.stdout.flush()
@@ -134,12 +138,23 @@ def left(spent: float, done: int, total: int) -> float:
     return spent / done * (total - done)
 
 
+@contextlib.contextmanager
+def quitting() -> Generator[None, None, None]:
+    """Let Ctrl-C end this process with a line, while modules are imported, which takes seconds."""
+    before = signal.getsignal(signal.SIGINT)
+    if (
+        before is not signal.default_int_handler
+        or threading.current_thread() is not threading.main_thread()
+    ):
+        yield
+        return
+    signal.signal(signal.SIGINT, _quit)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def _quit(number: int, frame: Any) -> None:
     print("interrupted.", file=sys.stderr, flush=True)
     os._exit(128 + number)  # nothing is begun, and an exception here may be lost in an import
-
-
-_main = getattr(sys.modules["__main__"], "__file__", None)
-if _main is not None and Path(_main).resolve().parent == Path(__file__).resolve().parent:
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, _quit)

@@ -1,37 +1,30 @@
 """Compare the paper's control laws: its Table 1, and all of them at the same force limit.
 
-python scripts/compare.py
-python scripts/compare.py --laws none cnvc lnvc --gains lnvc:G1=40,G2=40
+qcar compare
+qcar compare --laws none cnvc lnvc --gains lnvc:G1=40,G2=40
 """
 
 from __future__ import annotations
 
-from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
-
-# isort: split
 import argparse
 import dataclasses
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib
-
 from qcar_env import agents, report
 from qcar_env.baselines import catalogue
+from qcar_env.commands import command
 from qcar_env.evaluation import comparison, storage
 from qcar_env.evaluation.entry import Entry
 from qcar_env.evaluation.tracks import TRACKS
-from qcar_env.plots import time_history
-from qcar_env.plots.style import journal, save
-from qcar_env.scenarios import SCENARIOS, Scenario, scenario as find_scenario
+from qcar_env.scenarios import Scenario, scenario as find_scenario
 from qcar_env.validation import finite, known, positive
 
 STEADY = 60.0  # [s] from rest; the paper's slow mode has a time constant of 4.8 s
 
 
 OPTIONS: command.Options = {
-    "scenario": ("paper", f"what is crossed: {', '.join(SCENARIOS)} (default: paper)"),
+    "scenario": ("paper", f"what is crossed: {command.SCENARIO} (default: paper)"),
     "laws": (
         catalogue.names(),
         f"laws to compare (default: {' '.join(catalogue.names())})",
@@ -62,6 +55,9 @@ OPTIONS: command.Options = {
 
 def run(arguments: argparse.Namespace) -> None:
     """Run the comparison and write its results."""
+    from qcar_env.plots import time_history
+    from qcar_env.plots.style import journal, save
+
     out, laws = arguments.out, arguments.laws
     if arguments.report:
         report.check_installed()
@@ -124,7 +120,3 @@ def _gains(given: Sequence[str]) -> dict[str, dict[str, float]]:
 
 # a RuntimeError: what MPC needs is absent
 main = command.main("compare", __doc__, OPTIONS, run, RuntimeError)
-
-if __name__ == "__main__":
-    matplotlib.use("Agg")
-    sys.exit(main())

@@ -1,26 +1,19 @@
 """Make the paper's Figures 3 to 14 and Table 1 from the library, and four figures of our own.
 
-python scripts/figures.py
-python scripts/figures.py --only 4 14 accuracy --quick
+qcar figures
+qcar figures --only 4 14 accuracy --quick
 """
 
 from __future__ import annotations
 
-from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
-
-# isort: split
 import argparse
-import sys
 import time
 from collections.abc import Mapping
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-
 from qcar_env.analysis.paper.forced_car import from_scenario
 from qcar_env.analysis.paper.table1 import table1
+from qcar_env.commands import command
 from qcar_env.evaluation import storage, tables
 from qcar_env.plots.paper import FIGURES, Subject
 from qcar_env.plots.style import journal, save
@@ -38,10 +31,6 @@ OPTIONS: command.Options = {
         f"figures to make, of {', '.join(NAMES)}; all if left out",
         {"nargs": "+", "metavar": "NAME"},
     ),
-    "preset": (
-        "paper",
-        "scenario whose car and forcing are used; it must have an endless harmonic road",
-    ),
     "quick": (False, "fewer points and panels, to look at the layout"),
     "out": (Path("results/figures"), "folder to write to"),
 }
@@ -54,7 +43,7 @@ def run(arguments: argparse.Namespace) -> None:
     names = arguments.only or NAMES
     for name in names:
         known("figure", name, NAMES)
-    preset = scenario(arguments.preset)
+    preset = scenario("paper")
     subject = Subject(car=from_scenario(preset), quick=arguments.quick)
     captions: dict[str, str] = {}
     begin = now = time.perf_counter()
@@ -113,6 +102,3 @@ def _title(name: str) -> str:
 
 
 main = command.main("figures", __doc__.splitlines()[0], OPTIONS, run)
-
-if __name__ == "__main__":
-    sys.exit(main())

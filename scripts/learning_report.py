@@ -1,8 +1,8 @@
 """Report how agents learn: amplitude against training time and steps, and what each seed reached.
 
-    python scripts/learning_report.py                     from the runs in runs/
-    python scripts/learning_report.py --train             train what is missing first, five seeds
-    python scripts/learning_report.py --recipes ppo-paper sac-paper --seeds 0 1 2
+    qcar learning-report                     from the runs in runs/
+    qcar learning-report --train             train what is missing first, five seeds
+    qcar learning-report --recipes ppo-paper sac-paper --seeds 0 1 2
 
 Writes results/learning/: report.md, curves.csv, and a figure for each task, with CNVC, saturated
 velocity feedback and the optimum as lines. Bands and intervals span all seeds; rows state the
@@ -12,17 +12,12 @@ median of the seeds on the track's held-out set, and 95 % bootstrap intervals of
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
-from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
-
-# isort: split
-from qcar_env.agents.learning import collect, levels, report
 from qcar_env.agents.recipes import RECIPES
 from qcar_env.baselines.tune import best
+from qcar_env.commands import command
 from qcar_env.evaluation.storage import check_folder, replacing, write_csv, write_text
-from qcar_env.plots.learning import recipes as draw
 from qcar_env.validation import whole
 
 OPTIONS: command.Options = {
@@ -36,6 +31,9 @@ OPTIONS: command.Options = {
 
 def run(args: argparse.Namespace) -> None:
     """Collect and write the report."""
+    from qcar_env.agents.learning import collect, levels, report
+    from qcar_env.plots.learning import recipes as draw
+
     check_folder(args.out)
     seeds = [whole("seed", each, least=0) for each in dict.fromkeys(args.seeds)]
     rows, curves = collect(args.recipes, seeds, args.runs, tuned=best, train_missing=args.train)
@@ -49,7 +47,4 @@ def run(args: argparse.Namespace) -> None:
     print(f"wrote {args.out}/report.md")
 
 
-main = command.main("error", __doc__, OPTIONS, run)
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command.main("learning-report", __doc__, OPTIONS, run)

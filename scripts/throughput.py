@@ -1,7 +1,7 @@
 """Measure environment steps per second, against other environments and the processor.
 
-python scripts/throughput.py
-python scripts/throughput.py --rounds 21 --num-envs 64 1024 16384 --out results/throughput
+qcar throughput
+qcar throughput --rounds 21 --num-envs 64 1024 16384 --out results/throughput
 
 Ratios are taken within interleaved rounds (`qcar_env.evaluation.throughput.timing`); their median
 and quartiles are printed.
@@ -9,9 +9,6 @@ and quartiles are printed.
 
 from __future__ import annotations
 
-from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
-
-# isort: split
 import argparse
 import json
 from collections.abc import Mapping
@@ -19,6 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from qcar_env.commands import command
 from qcar_env.engine.closed_loop import cores
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.throughput.result import measure, table
@@ -76,6 +74,3 @@ def _plot(result: Mapping[str, Any], path: Path) -> None:
 
 
 main = command.main("throughput", __doc__.splitlines()[0], OPTIONS, run)
-
-if __name__ == "__main__":
-    raise SystemExit(main())

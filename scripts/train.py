@@ -1,9 +1,9 @@
 """Train an agent: PPO, SAC, TD3, policy search by CMA-ES, or the analytic gradient.
 
-    python scripts/train.py --algo ppo --track paper --seed 3
-    python scripts/train.py --algo sac --track budget-0.5 --seeds 0 1 2 3 4
-    python scripts/train.py --resume runs/ppo-paper-seed3
-    python scripts/train.py --algo ppo --track paper --seeds 0 1 2 3 4 --publish
+    qcar train --algo ppo --track paper --seed 3
+    qcar train --algo sac --track budget-0.5 --seeds 0 1 2 3 4
+    qcar train --resume runs/ppo-paper-seed3
+    qcar train --algo ppo --track paper --seeds 0 1 2 3 4 --publish mine
 
 A track with a number is the track at that force limit alone.
 """
@@ -12,18 +12,17 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
-
-# isort: split
 from qcar_env.agents.publish import check_unpublished, publish
 from qcar_env.agents.recipes import ALGORITHMS, TASKS, Recipe, recipe
-from qcar_env.agents.train import Progress, References, Result, check_new, resumed_recipe, train
+from qcar_env.commands import command
 from qcar_env.evaluation.storage import check_folder, held, replacing
-from qcar_env.plots.learning import progress as draw
 from qcar_env.validation import positive, whole
+
+if TYPE_CHECKING:
+    from qcar_env.agents.train import Progress, References, Result
 
 RUNS = Path("runs")
 
@@ -39,13 +38,20 @@ OPTIONS: command.Options = {
     "force": (False, "replace what is there"),
     "target-db": (float, "stop when both amplitudes are reduced by this [dB]"),
     "tensorboard": (False, "write TensorBoard files into the run folder"),
-    "publish": (False, "ship the seed that is best on validation in agents/pretrained"),
+    "publish": (
+        Path,
+        "copy the seed that is best on validation into this folder; those that are shipped stand "
+        "in agents/pretrained of a checkout",
+        {"metavar": "FOLDER"},
+    ),
     "quiet": (False, "no progress bar"),
 }
 
 
 def run(args: argparse.Namespace) -> None:
     """Train what is asked for."""
+    from qcar_env.agents.train import resumed_recipe
+
     if args.target_db is not None:
         positive("target-db", args.target_db, "dB")
     if args.resume is not None:
@@ -57,18 +63,23 @@ def run(args: argparse.Namespace) -> None:
     if args.steps is not None:
         steps = whole("steps", args.steps, most=10**12)  # a year of the fastest trainer
         chosen = dataclasses.replace(chosen, steps=steps)
-    if args.publish:
+    if args.publish is not None:
         if args.steps is not None:
             raise ValueError("--publish ships what the recipe makes; leave out --steps")
-        check_unpublished(chosen.name, force=args.force)
-    folders = _folders(chosen, args)
-    results = [_one(chosen, seed, folder, args, resume=False) for seed, folder in folders.items()]
-    if args.publish:
-        print(f"published {publish([each.folder for each in results], force=args.force)}")
+        check_unpublished(chosen.name, args.publish, force=args.force)
+    results = [
+        _one(chosen, seed, folder, args, resume=False)
+        for seed, folder in _folders(chosen, args).items()
+    ]
+    if args.publish is not None:
+        folders = [each.folder for each in results]
+        print(f"published {publish(folders, args.publish, force=args.force)}")
 
 
 def _folders(chosen: Recipe, args: argparse.Namespace) -> dict[int, Path]:
     """Return the run folder of each seed, all of them checked before the first one is trained."""
+    from qcar_env.agents.train import check_new
+
     seeds = [whole("seed", each, least=0) for each in args.seeds or [args.seed]]
     if args.out is not None and len(seeds) > 1:
         raise ValueError(
@@ -86,6 +97,9 @@ def _one(
     chosen: Recipe, seed: int, folder: Path, args: argparse.Namespace, *, resume: bool
 ) -> Result:
     from tqdm import tqdm
+
+    from qcar_env.agents.train import train
+    from qcar_env.plots.learning import progress as draw
 
     print(f"{chosen.name}, seed {seed}: {chosen.steps:,} environment steps into {folder}")
     with tqdm(total=chosen.steps, unit="step", unit_scale=True, disable=args.quiet) as bar:
@@ -107,7 +121,7 @@ def _one(
                     report=report,
                 )
         except KeyboardInterrupt:
-            how = f"go on with: python scripts/train.py --resume {folder}"
+            how = f"go on with: qcar train --resume {folder}"
             raise KeyboardInterrupt(how if (folder / "checkpoint.pt").exists() else "") from None
     curves = {name: [getattr(each, name) for each in result.history] for name in ("x1", "x2")}
     figure = draw(curves, [each.wall for each in result.history])
@@ -125,15 +139,11 @@ def _one(
 def describe(progress: Progress, beside: References) -> str:
     """Return a live evaluation in words: dB below the uncontrolled amplitudes."""
     x1, x2 = progress.reductions
-    cnvc = Progress(steps=0, wall=0.0, cpu=0.0, x1=beside.cnvc[0], x2=beside.cnvc[1], rho=0.0)
-    c1, c2 = cnvc.reductions
+    c1, c2 = dataclasses.replace(progress, x1=beside.cnvc[0], x2=beside.cnvc[1]).reductions
     return (
         f"x1 {x1:.1f}, x2 {x2:.1f} dB (CNVC {c1:.1f}, {c2:.1f}); "
         f"rho {progress.rho:.4f} (optimum {beside.optimum:.4f})"
     )
 
 
-main = command.main("error", __doc__, OPTIONS, run)
-
-if __name__ == "__main__":
-    sys.exit(main())
+main = command.main("train", __doc__, OPTIONS, run)

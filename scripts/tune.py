@@ -1,19 +1,17 @@
-"""Tune the gains of the baselines and store them in baselines/tuned.json.
+"""Tune the gains of the baselines and store them in a file.
 
-python scripts/tune.py                                     # everything that has no gains yet
-python scripts/tune.py --track budget --force-scale 0.5 --baselines lnvc state --force
+qcar tune                                     # everything that has no gains yet
+qcar tune --track budget --force-scale 0.5 --baselines lnvc state --force
 """
 
 from __future__ import annotations
 
-from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
-
-# isort: split
 import argparse
-import sys
 import time
+from pathlib import Path
 
-from qcar_env.baselines import catalogue, tune
+from qcar_env.baselines import tune
+from qcar_env.commands import command
 from qcar_env.evaluation import storage
 from qcar_env.evaluation.tracks import TRACKS, track
 from qcar_env.validation import known, positive, whole
@@ -35,7 +33,11 @@ OPTIONS: command.Options = {
     "baselines": (tuple(tune.SEARCHES), f"what is tuned (default: {' '.join(tune.SEARCHES)})"),
     "seed": (0, "seed of the search (default: 0)"),
     "population": (48, "candidates in a generation (default: 48)"),
-    "out": (catalogue.STORE, "file of the gains (default: baselines/tuned.json)"),
+    "out": (
+        Path("results/tune/tuned.json"),
+        "file of the gains (default: results/tune/tuned.json); those that are shipped stand in "
+        "baselines/tuned.json of a checkout",
+    ),
     "force": (False, "tune again what has gains, and replace them"),
 }
 
@@ -69,7 +71,7 @@ def run(arguments: argparse.Namespace) -> None:
             scale,
             seed=seed,
             population=population,
-            command=f"python scripts/tune.py --track {track_name} --force-scale {scale:g} "
+            command=f"qcar tune --track {track_name} --force-scale {scale:g} "
             f"--baselines {name} --seed {seed} --population {population}",
         )
         tune.store(found, out)
@@ -85,6 +87,3 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 main = command.main("tune", __doc__, OPTIONS, run)
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,8 +1,8 @@
 """Watch policies drive side by side, on the screen or in a file.
 
-    python scripts/watch.py --policy cnvc --vs none
-    python scripts/watch.py --policy cnvc --vs none lnvc --out results/watch/three.gif
-    python scripts/watch.py --policy runs/sac-paper-seed0 --vs none cnvc
+    qcar watch --policy cnvc --vs none
+    qcar watch --policy cnvc --vs none lnvc --out results/watch/three.gif
+    qcar watch --policy runs/sac-paper-seed0 --vs none cnvc
 
 All cars meet the same road from the same start. By default they swing as without control, and the
 policies begin to act after half a second.
@@ -10,19 +10,20 @@ policies begin to act after half a second.
 
 from __future__ import annotations
 
-from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
-
-# isort: split
 import argparse
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from qcar_env import agents, baselines
+from qcar_env.commands import command
 from qcar_env.evaluation.entry import Entry, entry_of
-from qcar_env.plots.film import Film, show, write
-from qcar_env.scenarios import SCENARIOS, scenario as find_scenario
+from qcar_env.scenarios import scenario as find_scenario
 from qcar_env.validation import known
+
+if TYPE_CHECKING:
+    from qcar_env.plots.film import Film
 
 
 def policies() -> dict[str, Entry]:
@@ -34,10 +35,10 @@ def policies() -> dict[str, Entry]:
 OPTIONS: command.Options = {
     "policy": (
         "cnvc",
-        f"who drives: {', '.join(policies())}, or a run folder of scripts/train.py (default: cnvc)",
+        f"who drives: {', '.join(policies())}, or a run folder of `qcar train` (default: cnvc)",
     ),
     "vs": (("none",), "beside whom (default: none)", {"nargs": "*", "metavar": "POLICY"}),
-    "scenario": ("paper", f"{', '.join(SCENARIOS)} (default: paper)"),
+    "scenario": ("paper", f"what is crossed: {command.SCENARIO} (default: paper)"),
     "force-scale": (1.0, "force limit over the scenario's [-]"),
     "duration": (float, "simulated time [s] (default: the scenario's)"),
     "start": (
@@ -67,6 +68,8 @@ OPTIONS: command.Options = {
 
 def run(arguments: argparse.Namespace) -> None:
     """Show or write the film."""
+    from qcar_env.plots.film import show, write
+
     film = film_of(arguments)
     out = arguments.out
     if out is None and not _has_display():
@@ -84,6 +87,8 @@ def run(arguments: argparse.Namespace) -> None:
 
 def film_of(arguments: argparse.Namespace) -> Film:
     """Return the film that is asked for."""
+    from qcar_env.plots.film import Film
+
     there = policies()
     entries: list[Entry] = []
     for name in (arguments.policy, *arguments.vs):
@@ -119,6 +124,3 @@ def _progress(number: int, length: int) -> None:
 
 # a RuntimeError: what a policy needs is absent
 main = command.main("watch", __doc__, OPTIONS, run, RuntimeError)
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import html
-import importlib
 import inspect
 import os
 import re
@@ -18,6 +17,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
+from qcar_env.commands.main import COMMANDS, main as qcar
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.envs.vector import QuarterCarHumpVectorEnv
 
@@ -107,8 +107,8 @@ def check(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     words = shlex.split(command)
     if words[0] == "make":
         check_make(words[1:], monkeypatch)
-    elif words[0].endswith("python") and words[1].startswith("scripts/"):
-        check_script(words[1], words[2:], monkeypatch)
+    elif words[0] == "qcar":
+        check_qcar(words[1:], monkeypatch)
     elif words[0].endswith("python") and words[1].startswith("docs/tutorials/"):
         assert ROOT / words[1] in TUTORIALS
     elif "pip" in words[:3]:
@@ -126,17 +126,15 @@ def check_make(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     for target in (word for word in words if "=" not in word):
         rule = re.search(rf"^{target}:(.*)$", makefile, re.MULTILINE)
         assert rule, f"make {target}"
-        script = re.search(r"scripts/\w+\.py", rule[1])
-        if script and "ARGS" in arguments:
-            check_script(script[0], shlex.split(arguments["ARGS"]), monkeypatch)
+        if target in COMMANDS:
+            check_qcar([target, *shlex.split(arguments.get("ARGS", ""))], monkeypatch)
 
 
 class ParsedError(Exception):
     """The arguments were understood."""
 
 
-def check_script(script: str, words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    module = importlib.import_module(f"qcar_env.commands.{Path(script).stem}")
+def check_qcar(words: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     parse = argparse.ArgumentParser.parse_args
 
     def parse_and_stop(self, args=None, namespace=None):
@@ -145,13 +143,15 @@ def check_script(script: str, words: list[str], monkeypatch: pytest.MonkeyPatch)
 
     with monkeypatch.context() as patch:
         patch.setattr(argparse.ArgumentParser, "parse_args", parse_and_stop)
-        if "--help" in words:
+        if "--help" in words[1:]:
             with pytest.raises(SystemExit) as left, contextlib.redirect_stdout(None):
-                module.main(words)
+                qcar(words)
             assert left.value.code == 0
+        elif words == ["--help"]:
+            assert qcar(words) == 0
         else:
             with pytest.raises(ParsedError):
-                module.main(words)
+                qcar(words)
 
 
 def test_single_precision_departs_by_what_the_page_on_performance_says():

@@ -215,7 +215,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
         laws={name: LAWS_BY_NAME[name]() for name in LAWS},
         duration=12.0,
     )
-    provenance = {"command": "python scripts/compare.py --report", "note": "</script> & <b>"}
+    provenance = {"command": "qcar compare --report", "note": "</script> & <b>"}
     content = comparison(found, provenance)
     return write(tmp_path_factory.mktemp("report") / "report.html", content)
 

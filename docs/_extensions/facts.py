@@ -24,6 +24,7 @@ from typing import Any
 from sphinx.application import Sphinx
 
 from qcar_env.baselines import catalogue
+from qcar_env.commands.main import COMMANDS
 from qcar_env.control import LAWS
 from qcar_env.envs.episode import FULL
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
@@ -306,18 +307,20 @@ def versions() -> str:
 
 
 def commands() -> str:
-    """Return the targets of the Makefile with what they do."""
+    """Return the commands with what they do and the extras that they need."""
+    rows = [
+        [f"`qcar {name}`", each.title, ", ".join(each.needs) or "none", ", ".join(each.more)]
+        for name, each in COMMANDS.items()
+    ]
+    return _table(["command", "what it does", "extras", "also"], rows)
+
+
+def targets() -> str:
+    """Return the targets of the Makefile that are no command of `qcar`."""
     text = (ROOT / "Makefile").read_text(encoding="utf-8")
     found = re.findall(r"^([a-z-]+):.*?## (.*)$", text, re.MULTILINE)
-    rows = [[f"`make {name}`", what] for name, what in found if _exists(name)]
-    return _table(["command", "what it does"], rows)
-
-
-def _exists(target: str) -> bool:
-    """Whether this version has the script behind a target."""
-    text = (ROOT / "Makefile").read_text(encoding="utf-8")
-    needs = re.search(rf"^{target}: (scripts/\S+\.py)", text, re.MULTILINE)
-    return needs is None or (ROOT / needs[1]).exists()
+    rows = [[f"`make {name}`", what] for name, what in found if name not in COMMANDS]
+    return _table(["target", "what it does"], rows)
 
 
 FACTS: dict[str, Callable[[], str]] = {
@@ -335,6 +338,7 @@ FACTS: dict[str, Callable[[], str]] = {
         presets,
         scenarios,
         signals,
+        targets,
         throughput,
         tracks,
         versions,

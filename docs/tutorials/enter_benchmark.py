@@ -81,12 +81,12 @@ for each in outcome.standings:
 # beside every baseline and shipped agent, with intervals, and writes tables, figures and a page:
 #
 # ```sh
-# python scripts/benchmark.py --policy my_policy:Sign --report
+# qcar benchmark --policy my_policy:Sign --report
 # ```
 #
 # A trained network enters as an ONNX file (observation in, action out), or as the run folder of
-# `scripts/train.py`:
+# `qcar train`:
 #
 # ```sh
-# python scripts/benchmark.py --policy runs/sac-paper-seed0 --tracks paper budget
+# qcar benchmark --policy runs/sac-paper-seed0 --tracks paper budget
 # ```

@@ -169,7 +169,7 @@ class Agent:
         if not (folder / "policy.onnx").is_file():
             raise ValueError(
                 f"no policy.onnx in {folder}: the training has not ended; resume it with "
-                f"scripts/train.py --resume {folder}"
+                f"qcar train --resume {folder}"
             )
         self._policy = OnnxPolicy(folder / "policy.onnx")
         self.name: str = self.recipe["name"]

@@ -8,8 +8,6 @@ that they can be sent to other processes.
 from __future__ import annotations
 
 import hashlib
-import importlib
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -20,6 +18,7 @@ from qcar_env.envs import episode as task
 from qcar_env.evaluation.agent import Agent, OnnxPolicy
 from qcar_env.evaluation.tracks import Track
 from qcar_env.scenarios import Scenario
+from qcar_env.scenarios.files import imported
 from qcar_env.validation import shown
 
 Kind = Literal["published", "tuned", "learned", "yours"]
@@ -98,7 +97,7 @@ def entry_of(spec: str) -> Entry:
     Parameters
     ----------
     spec : str
-        ``module:object``, the path of an ONNX file, or a run folder of ``scripts/train.py``. The
+        ``module:object``, the path of an ONNX file, or a run folder of ``qcar train``. The
         object is a policy, or makes one from the scenario with its force limit.
 
     Raises
@@ -166,18 +165,7 @@ def _loaded(path: Path) -> Agent | OnnxPolicy:
 
 def _imported(spec: str) -> Any:
     """Return the object of ``module:object``: a policy, or what makes one."""
-    module, _, attribute = spec.partition(":")
-    if "" not in sys.path and str(Path.cwd()) not in sys.path:
-        sys.path.insert(0, str(Path.cwd()))
-    try:
-        found: Any = importlib.import_module(module)
-        for part in attribute.split("."):
-            found = getattr(found, part)
-    except (Exception, SystemExit) as error:  # the module is the user's: whatever it raises
-        raise ValueError(
-            f"no policy {spec!r}: {type(error).__name__}: {error}; "
-            "give module:object as Python imports it from this folder"
-        ) from error
+    found = imported("policy", spec)
     if not callable(found) and not hasattr(found, "predict"):
         raise ValueError(
             f"{spec!r} is no policy: it has no predict, and cannot be called to make one; "

@@ -204,7 +204,9 @@ def made_with() -> str:
 
 
 def command() -> str:
-    """Return the command line of this process, with the script as it was called."""
+    """Return the command line of this process: `qcar`, or the script as it was called."""
+    if Path(sys.argv[0]).stem == "qcar":
+        return " ".join(["qcar", *sys.argv[1:]])
     return " ".join([Path(sys.executable).name, *sys.argv])
 
 

@@ -19,7 +19,7 @@ SERIES = {
 
 
 def draw(result: Mapping[str, Any], axes: Sequence[Any]) -> Sequence[Any]:
-    """Draw a result of ``scripts/throughput.py`` into four axes, and return them.
+    """Draw a result of ``qcar throughput`` into four axes, and return them.
 
     Dashed: a cost in proportion to the number of cars, from 1024 on, as below that the call itself
     counts; and straight lines through the first and the last point.

@@ -7,4 +7,4 @@ def check_installed() -> None:
     """Raise ValueError where what writes a page is absent."""
     for name in ("plotly", "jinja2"):
         if find_spec(name) is None:
-            raise ValueError(f"a report needs {name}; run make report, or install qcar_env[report]")
+            raise ValueError(f"a report needs {name}: pip install 'qcar_env[report]'")

@@ -1,4 +1,4 @@
-"""The report of `scripts/benchmark.py`: every policy on every track, beside the optimum."""
+"""The report of `qcar benchmark`: every policy on every track, beside the optimum."""
 
 from __future__ import annotations
 

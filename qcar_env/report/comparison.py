@@ -1,4 +1,4 @@
-"""The report of `scripts/compare.py`: several policies in one scenario at one force limit."""
+"""The report of `qcar compare`: several policies in one scenario at one force limit."""
 
 from __future__ import annotations
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import json
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from types import FunctionType
@@ -129,7 +130,7 @@ def _value(value: Any, where: str) -> Any:
     if isinstance(value, Mapping):
         record = cast("Mapping[str, Any]", value)
         if set(record) == {FUNCTION}:
-            return _found(record[FUNCTION], where)
+            return imported(f"function of {where}", record[FUNCTION])
         if KIND not in record:
             return {name: _value(each, f"{where}.{name}") for name, each in record.items()}
         return _build(_kind(record[KIND], where), record, where)
@@ -140,22 +141,33 @@ def _value(value: Any, where: str) -> Any:
 
 def _kind(name: Any, where: str) -> type:
     if isinstance(name, str) and ":" in name:
-        found = _found(name, where)
+        found = imported(f"kind of {where}", name)
         if not (isinstance(found, type) and issubclass(found, Part)):
             raise ValueError(f"{where} names {name!r}, which is no part; give a subclass of Part")
         return found
     return kinds()[known(f"kind of {where}", name, kinds())]
 
 
-def _found(name: Any, where: str) -> Any:
-    """Return what stands at a place ``module:name``."""
-    module, _, place = str(name).partition(":")
+def imported(what: str, spec: Any) -> Any:
+    """Return the object of ``module:object``, as Python imports it from the current folder.
+
+    Raises
+    ------
+    ValueError
+        If it is not there, or the module raises anything while it is imported.
+    """
+    module, _, place = str(spec).partition(":")
+    if "" not in sys.path and str(Path.cwd()) not in sys.path:
+        sys.path.insert(0, str(Path.cwd()))
     try:
         found: Any = importlib.import_module(module)
         for each in place.split("."):
             found = getattr(found, each)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ValueError(f"{where} names {name!r}, which is not there: {error}") from None
+    except (Exception, SystemExit) as error:  # the module is the user's: whatever it raises
+        raise ValueError(
+            f"no {what} {spec!r}: {type(error).__name__}: {error}; "
+            "give module:object as Python imports it from this folder"
+        ) from error
     return found
 
 
@@ -205,13 +217,19 @@ def write(scenario: Scenario, path: Path) -> None:
 
 
 def scenario(name: str | Path | Scenario) -> Scenario:
-    """Return a scenario by the name of a preset, as a TOML or JSON file or text, or as it is.
+    """Return a scenario by what names it, or as it is.
+
+    Parameters
+    ----------
+    name : str, Path or Scenario
+        A preset's name, the path of a TOML or JSON file or its text, or ``module:object``, where
+        the object is a `Scenario` or makes one when it is called without arguments.
 
     Raises
     ------
     ValueError
-        If there is no such preset (the message gives the nearest name and the list), or the file
-        or text is not that of a scenario.
+        If there is no such preset (the message gives the nearest name and the list), or the file,
+        text or object is not that of a scenario.
     """
     if isinstance(name, Scenario):
         return name
@@ -219,4 +237,28 @@ def scenario(name: str | Path | Scenario) -> Scenario:
         return read(Path(name))
     if isinstance(name, str) and ("\n" in name or name.lstrip().startswith("{")):
         return from_text(name)
-    return SCENARIOS[known("scenario", name, SCENARIOS)]
+    if isinstance(name, str) and ":" in name:
+        return _object(name)
+    try:
+        return SCENARIOS[known("scenario", name, SCENARIOS)]
+    except ValueError as error:
+        raise ValueError(f"{error}; or give a TOML or JSON file, or module:object") from None
+
+
+def _object(spec: str) -> Scenario:
+    """Return the scenario of ``module:object``."""
+    found = imported("scenario", spec)
+    if callable(found):
+        try:
+            found = found()
+        except Exception as error:  # the function is the user's: whatever it raises
+            raise ValueError(
+                f"no scenario {spec!r}: {type(error).__name__}: {error}; give a Scenario, or a "
+                "function without arguments that returns one"
+            ) from error
+    if not isinstance(found, Scenario):
+        raise ValueError(
+            f"{spec!r} is no scenario, but {shown(found)}; give a Scenario, or a function without "
+            "arguments that returns one"
+        )
+    return found

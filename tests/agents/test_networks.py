@@ -10,13 +10,12 @@ from qcar_env.agents import export  # noqa: E402
 from qcar_env.agents.export import TOLERANCE, export_checked, largest_difference  # noqa: E402
 from qcar_env.agents.networks import (  # noqa: E402
     Deterministic,
-    FeatureMap,
     Features,
     LawNet,
     Schedule,
     space,
 )
-from qcar_env.agents.recipes import RECIPES, recipe  # noqa: E402
+from qcar_env.agents.recipes import RECIPES, FeatureMap, recipe  # noqa: E402
 from qcar_env.agents.sb3 import SB3Trainer  # noqa: E402
 
 LIMITS = (0.1, 0.25, 0.5, 0.75, 1.0)

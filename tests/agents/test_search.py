@@ -6,7 +6,8 @@ import pytest
 torch = pytest.importorskip("torch")
 pytest.importorskip("cma")
 
-from qcar_env.agents.networks import FeatureMap, LawNet, Schedule, space  # noqa: E402
+from qcar_env.agents.networks import LawNet, Schedule, space  # noqa: E402
+from qcar_env.agents.recipes import FeatureMap  # noqa: E402
 from qcar_env.agents.search import WINDOW, Runs  # noqa: E402
 from qcar_env.engine.cars import SAME_STEP  # noqa: E402
 from qcar_env.evaluation.tracks import TRACKS, episodes  # noqa: E402

@@ -109,8 +109,10 @@ def test_the_versions_are_those_installed():
 
 
 def test_the_command_is_the_one_that_was_typed(monkeypatch):
-    monkeypatch.setattr("sys.argv", ["scripts/compare.py", "--laws", "cnvc"])
-    assert re.fullmatch(r"python\S* scripts/compare\.py --laws cnvc", storage.command())
+    monkeypatch.setattr("sys.argv", ["mine/compare.py", "--laws", "cnvc"])
+    assert re.fullmatch(r"python\S* mine/compare\.py --laws cnvc", storage.command())
+    monkeypatch.setattr("sys.argv", ["/somewhere/bin/qcar", "compare", "--laws", "cnvc"])
+    assert storage.command() == "qcar compare --laws cnvc"
 
 
 def test_where_nothing_can_be_written_is_said_and_nothing_is_made(tmp_path):

@@ -195,7 +195,7 @@ def test_compare_writes_a_report_when_asked(tmp_path, capsys):
 def test_absent_plotly_is_named_before_anything_is_simulated(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(qcar_env.report, "find_spec", lambda name: None)
     assert compare.main(["--out", str(tmp_path), "--report"]) == 2
-    assert "a report needs plotly; run make report" in capsys.readouterr().err
+    assert "a report needs plotly: pip install" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

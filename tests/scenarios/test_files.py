@@ -179,7 +179,10 @@ def test_what_cannot_be_found_again_is_refused_when_it_is_written():
         ('car = "fast"\n', "scenario lacks road|car must be"),
         ('[car]\nkind = "QuartrCar"\n', "unknown kind of scenario.car 'QuartrCar'; did you mean"),
         ('[car]\nkind = "os:system"\n', "scenario.car names 'os:system', which is no part"),
-        ('[car]\nkind = "nowhere:Car"\n', "names 'nowhere:Car', which is not there"),
+        (
+            '[car]\nkind = "nowhere:Car"\n',
+            "no kind of scenario.car 'nowhere:Car': ModuleNotFo",
+        ),
         ('[car]\nkind = "PaperCar"\n', "scenario.car lacks omega1, omega2, b1"),
         (
             '[road]\nkind = "Sine"\nh = "high"\nwavenumber = 1.0\n',

@@ -1,4 +1,4 @@
-"""scripts/benchmark.py: results, failures that stay where they happened, and what it refuses."""
+"""qcar benchmark: results, failures that stay where they happened, and what it refuses."""
 
 import contextlib
 import json

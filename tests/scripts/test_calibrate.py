@@ -1,4 +1,4 @@
-"""scripts/calibrate.py: what it prints and writes, and what it refuses."""
+"""qcar calibrate: what it prints and writes, and what it refuses."""
 
 import json
 
@@ -17,14 +17,3 @@ def test_it_reports_residuals_and_flatness(tmp_path, capsys):
     assert [row["omega"] for row in written["profile"]] == [50.0, 60.0]
     assert all(row["rms"] < 0.07 for row in written["profile"])
     assert written["preset"]["b1"] == 8.7
-
-
-def test_bad_input(tmp_path, capsys):
-    out = tmp_path / "none"
-    for preset, message in (
-        ("paper-hump", "harmonic road"),
-        ("mathworks-hump", "are those of a PaperCar"),
-    ):
-        assert calibrate.main(["--preset", preset, "--out", str(out)]) == 2
-        assert message in capsys.readouterr().err
-    assert not out.exists()

@@ -9,15 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from qcar_env.agents.load import PRETRAINED
 from qcar_env.commands import command as commands
+from qcar_env.commands.main import COMMANDS
 from qcar_env.evaluation import storage
 
-ROOT = Path(__file__).parents[2]
-COMMANDS = sorted(
-    path.stem
-    for path in (ROOT / "scripts").glob("*.py")
-    if path.stem not in ("__init__", "command")
-)
 LEARNING = ("train", "learning_report")  # commands that need torch
 
 
@@ -39,27 +35,31 @@ LEARNING = ("train", "learning_report")  # commands that need torch
         (
             "learning_report",
             ["--out", "taken"],
-            "error: --out must be a folder that can be written",
+            "learning-report: --out must be a folder that can be written",
         ),
-        ("learning_report", ["--seeds", "-1"], "error: seed must be at least 0, got -1; give 0 or"),
+        (
+            "learning_report",
+            ["--seeds", "-1"],
+            "learning-report: seed must be at least 0, got -1; give 0 or",
+        ),
         ("throughput", ["--threads", "0"], "throughput: threads must be at least 1, got 0; give 1"),
         ("throughput", ["--threads", str(10**8)], "throughput: threads must be at most 1024, got"),
-        ("train", ["--steps", str(10**23)], "error: steps must be at most 1000000000000, got 1000"),
-        ("train", ["--out", "taken"], "error: --out must be a folder that can be written to, got"),
-        ("train", ["--out", "full"], "error: full is not empty; resume it with --resume, replace"),
-        ("train", ["--seeds", "1", "-1"], "error: seed must be at least 0, got -1; give 0 or more"),
+        ("train", ["--steps", str(10**23)], "train: steps must be at most 1000000000000, got 1000"),
+        ("train", ["--out", "taken"], "train: --out must be a folder that can be written to, got"),
+        ("train", ["--out", "full"], "train: full is not empty; resume it with --resume, replace"),
+        ("train", ["--seeds", "1", "-1"], "train: seed must be at least 0, got -1; give 0 or more"),
         (
             "train",
             ["--seeds", "0", "1", "--out", "new"],
-            "error: --out must be the folder of one ru",
+            "train: --out must be the folder of one ru",
         ),
         (
             "train",
             ["--target-db", "nan"],
-            "error: target-db must be finite, got nan dB; give a fin",
+            "train: target-db must be finite, got nan dB; give a fin",
         ),
-        ("train", ["--publish"], "error: there is an agent ppo-paper in "),
-        ("train", ["--resume", "taken"], "error: taken is no run folder (NotADirectoryError: "),
+        ("train", ["--publish", str(PRETRAINED)], "train: there is an agent ppo-paper in "),
+        ("train", ["--resume", "taken"], "train: taken is no run folder (NotADirectoryError: "),
         ("tune", ["--out", "."], "tune: --out must be a file, got the folder .; give a name in it"),
         (
             "tune",
@@ -90,8 +90,6 @@ def test_what_cannot_be_is_refused_before_any_work(
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine").touch()
     before = sorted(tmp_path.rglob("*"))
-    if command == "tune" and "--out" not in arguments:
-        arguments = [*arguments, "--out", "new.json"]
     assert importlib.import_module(f"qcar_env.commands.{command}").main(arguments) == 2
     printed, said = capsys.readouterr()
     assert said.startswith(message)
@@ -170,13 +168,13 @@ def test_an_interrupt_while_a_command_imports_is_told_in_a_line(command, tmp_pat
     for name in ("numba", "torch", "matplotlib"):  # whichever it imports first
         (tmp_path / f"{name}.py").write_text(text, encoding="utf-8")
     run = (
-        "import runpy, signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
-        "import __main__; __main__.__file__ = sys.argv[0] = sys.argv.pop(1); "
-        "runpy.run_path(__main__.__file__, run_name='__main__')"
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from qcar_env.commands.main import main; sys.exit(main(sys.argv[1:]))"
     )
     found = subprocess.run(
-        [sys.executable, "-c", run, str(ROOT / "scripts" / f"{command}.py")],
-        env=dict(os.environ, PYTHONPATH=os.pathsep.join([str(tmp_path), str(ROOT)])),
+        [sys.executable, "-c", run, command],
+        cwd=tmp_path,
+        env=dict(os.environ, PYTHONPATH=str(tmp_path)),
         capture_output=True,
         text=True,
         timeout=60,
@@ -196,7 +194,6 @@ def test_output_that_nobody_takes_is_told_in_a_line():
     with open("/dev/full", "w") as full:
         found = subprocess.run(
             [sys.executable, "-c", run],
-            cwd=ROOT,
             env=buffered,
             stdout=full,
             stderr=subprocess.PIPE,
@@ -262,7 +259,7 @@ def test_a_default_says_what_an_option_takes():
         "limit": (float, "number without default"),
         "vs": (("none",), "names, or none at all", {"nargs": "*"}),
     }
-    made = commands.parser("", options)
+    made = commands.parser("it", "", options)
     found = vars(made.parse_args([]))
     assert found == {
         "count": 3, "many": (1.0, 2.0), "switch": False, "out": Path("here"), "limit": None,

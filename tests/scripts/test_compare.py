@@ -1,4 +1,4 @@
-"""scripts/compare.py: what it writes, and what it refuses before it has written anything."""
+"""qcar compare: what it writes, and what it refuses before it has written anything."""
 
 import csv
 import json

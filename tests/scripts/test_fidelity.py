@@ -42,9 +42,3 @@ def test_the_page_has_every_part():
     assert len(re.findall(r"^\| Fig\. ", trends, flags=re.MULTILINE)) == 35
     table = text.split("## Table 1")[1].split("\n## ")[0]
     assert len(re.findall(r"\| x[12] \|", table)) == 12
-
-
-def test_bad_input(tmp_path, capsys):
-    assert fidelity.main(["--preset", "paper-step", "--out", str(tmp_path / "page.md")]) == 2
-    assert "needs a harmonic road" in capsys.readouterr().err
-    assert not (tmp_path / "page.md").exists()

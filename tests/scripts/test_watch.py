@@ -17,7 +17,7 @@ SHORT = ["--duration", "0.2", "--wait", "0.05", "--size", "320", "240"]
 
 
 def parsed(argv):
-    return command.parser("", watch.OPTIONS).parse_args(argv)
+    return command.parser("watch", "", watch.OPTIONS).parse_args(argv)
 
 
 def frames_of(path, width, height):

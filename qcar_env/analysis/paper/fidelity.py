@@ -2,7 +2,7 @@
 
 The paper is Alluhydan et al., Mathematics 2024, 12(19), 3046; its text was read, its figures were
 not digitised, so curves are compared by what the text says of them. Everything here is computed;
-`scripts/fidelity.py` writes it as a page.
+`qcar fidelity` writes it as a page.
 """
 
 from __future__ import annotations
