@@ -111,9 +111,6 @@ def run(arguments: argparse.Namespace) -> int:
     if chosen.settings:
         sweeps.check_searchable()
     with storage.held(out):
-        if arguments.resume is None:
-            content = {**dataclasses.asdict(chosen), "early_stop": early_stop}
-            storage.write_json(described, content)
         try:
             return _run(chosen, out, early_stop, arguments)
         except KeyboardInterrupt:
@@ -123,6 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _run(chosen: Sweep, out: Path, early_stop: bool, arguments: argparse.Namespace) -> int:
+    content = {**dataclasses.asdict(chosen), "early_stop": early_stop}
     begin = time.monotonic()
     before = {path.parent.name for path in out.glob("runs/*/result.json")}
     fresh = 0
@@ -142,11 +140,13 @@ def _run(chosen: Sweep, out: Path, early_stop: bool, arguments: argparse.Namespa
 
     if arguments.runner == "ray":
         with ray_workers.cluster(arguments.address, arguments.jobs):
+            storage.write_json(out / "sweep.json", content)  # not before it can begin
             from qcar_env.agents import ray_sweep
 
             execute = partial(ray_sweep.execute, early_stop=early_stop)
             rows = sweeps.run(chosen, out, execute, progress=progress)
     else:
+        storage.write_json(out / "sweep.json", content)
         each_done = partial(workers.each_done, jobs=arguments.jobs)
         if arguments.runner == "slurm":
             more = {} if arguments.partition is None else {"slurm_partition": arguments.partition}

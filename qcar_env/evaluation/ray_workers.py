@@ -94,6 +94,9 @@ def each_done(
         As in `qcar_env.evaluation.workers.each_done`, which says as well what is yielded.
     """
     import ray  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
+    from ray.exceptions import (  # pyright: ignore[reportMissingImports, reportMissingTypeStubs]
+        RayError,
+    )
 
     remote: Any = ray.remote(max_retries=RETRIES)(_call)
     stored: dict[int, Any] = {}
@@ -116,7 +119,7 @@ def each_done(
                 index = running.pop(each)
                 try:
                     result, error = pickle.loads(ray.get(each))
-                except ray.exceptions.RayError as lost:
+                except RayError as lost:
                     last = str(lost).strip().splitlines()[-1]  # before it stands a trace
                     result, error = None, WorkerDiedError(f"{type(lost).__name__}: {last}")
                 yield index, result, error

@@ -298,6 +298,14 @@ def test_what_the_command_refuses(tmp_path, capsys, arguments, words):
     assert not out.exists()
 
 
+def test_an_address_where_nothing_answers_leaves_nothing_behind(tmp_path, capsys):
+    pytest.importorskip("ray")
+    out = tmp_path / "out"
+    assert command.main(["--address", "127.0.0.1:9", "--out", str(out)]) == 2
+    assert "no Ray cluster answers" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_a_sweep_that_is_there_is_not_begun_anew(tmp_path, monkeypatch, capsys):
     def run(swept, out, execute, progress):
         return [sweeps.failed(TRIAL, ValueError(str(swept.seeds)))]
