@@ -23,16 +23,18 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from qcar_env.agents.recipes import ALGORITHMS, RECIPES, TASKS, Recipe, as_dict, recipe
-from qcar_env.agents.train import Progress, train
 from qcar_env.evaluation import benchmark, leaderboard, storage, tables, tracks, workers
 from qcar_env.evaluation.entry import Entry, entry_of
 from qcar_env.evaluation.grid import digest
 from qcar_env.validation import known, shown, whole
+
+if TYPE_CHECKING:
+    from qcar_env.agents.train import Progress
 
 INSTALL = "pip install 'qcar_env[cluster]'"
 SEARCHES = ("random", "tpe")  # Optuna's samplers
@@ -323,12 +325,14 @@ def run_trial(trial: Trial, out: Path, report: Callable[[Progress], None] | None
     report : callable, optional
         Called after each live evaluation.
     """
+    from qcar_env.agents.train import train  # knows torch, which --help does without
+
     folder = out / "runs" / trial.name
     with storage.held(folder, wait=HELD):
         if (row := finished(trial, out)) is not None:
             return row
         told = None if report is None else lambda progress, beside: report(progress)
-        again = f"python scripts/sweep.py --resume {out}"  # a worker has no command line of its own
+        again = f"qcar sweep --resume {out}"  # a worker has no command line of its own
         begin = partial(train, trial.recipe, trial.seed, folder, report=told, command=again)
         killed = (folder / "checkpoint.pt").exists()
         try:

@@ -68,6 +68,11 @@ COMMANDS = {
         more=("run", "mpc", "report"),
     ),
     "train": Command(title="train an agent", needs=("plots", "train", "run")),
+    "sweep": Command(
+        title="train over settings and seeds, on this machine or a cluster",
+        needs=("train", "run"),
+        more=("cluster",),
+    ),
     "learning-report": Command(
         title="how agents learn: amplitude against training time",
         needs=("plots", "train", "run"),

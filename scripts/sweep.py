@@ -1,37 +1,31 @@
 """Sweep trainings: algorithms x settings x tracks x seeds, on this machine, Ray or Slurm.
 
-    python scripts/sweep.py --algo ppo --seeds 0 1 2 --points 8 --set gamma=0.9..0.99
-    python scripts/sweep.py --set learning_rate.0=1e-4..3e-3:log --set batch=256,512
-    python scripts/sweep.py --address 10.0.0.1:6379 --out /shared/sweep ...
-    python scripts/sweep.py --runner pool ...
-    python scripts/sweep.py --resume results/sweep
+    qcar sweep --algo ppo --seeds 0 1 2 --points 8 --set gamma=0.9..0.99
+    qcar sweep --set learning_rate.0=1e-4..3e-3:log --set batch=256,512
+    qcar sweep --address 10.0.0.1:6379 --out /shared/sweep ...
+    qcar sweep --runner pool ...
+    qcar sweep --resume results/sweep
 
 A track with a number is the track at that force limit alone.
 """
 
 from __future__ import annotations
 
-from qcar_env.commands import command  # first: it tells Ctrl-C in a line from here on
-
-# isort: split
 import argparse
 import dataclasses
 import importlib.util
 import json
 import os
-import sys
 import time
 from functools import partial
 from pathlib import Path
 
-for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
-
-from qcar_env.agents import sweep as sweeps  # noqa: E402
-from qcar_env.agents.recipes import ALGORITHMS, TASKS  # noqa: E402
-from qcar_env.agents.sweep import SEARCHES, Row, Sweep  # noqa: E402
-from qcar_env.evaluation import ray_workers, slurm, storage, workers  # noqa: E402
-from qcar_env.validation import known, whole  # noqa: E402
+from qcar_env.agents import sweep as sweeps
+from qcar_env.agents.recipes import ALGORITHMS, TASKS
+from qcar_env.agents.sweep import SEARCHES, Row, Sweep
+from qcar_env.commands import command
+from qcar_env.evaluation import ray_workers, slurm, storage, workers
+from qcar_env.validation import known, whole
 
 RUNNERS = {
     "ray": "Ray Tune, on a cluster with --address",
@@ -80,6 +74,8 @@ OPTIONS: command.Options = {
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a sweep, or go on with one."""
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")  # of the workers: they share the cores
     known("runner", arguments.runner, RUNNERS)
     whole("jobs", arguments.jobs)
     whole("minutes", arguments.minutes)
@@ -115,7 +111,7 @@ def run(arguments: argparse.Namespace) -> int:
             return _run(chosen, out, early_stop, arguments)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(
-                f"go on with: python scripts/sweep.py --resume {out} --runner {arguments.runner}"
+                f"go on with: qcar sweep --resume {out} --runner {arguments.runner}"
             ) from None
 
 
@@ -203,11 +199,8 @@ def _resumed(described: Path) -> tuple[Sweep, bool]:
     except (OSError, KeyError, TypeError, AttributeError, json.JSONDecodeError) as error:
         raise ValueError(
             f"{described.parent} holds no sweep that can be resumed ({type(error).__name__}: "
-            f"{error}); give a folder that scripts/sweep.py made"
+            f"{error}); give a folder that qcar sweep made"
         ) from None
 
 
 main = command.main("sweep", __doc__, OPTIONS, run)
-
-if __name__ == "__main__":
-    sys.exit(main())

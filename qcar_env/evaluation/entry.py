@@ -8,6 +8,7 @@ that they can be sent to other processes.
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial

@@ -333,7 +333,7 @@ def table(out):
 
 def start(out, *arguments):
     return subprocess.Popen(
-        [sys.executable, "scripts/sweep.py", *arguments],
+        [sys.executable, "-m", "qcar_env.commands.main", "sweep", *arguments],
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": str(ROOT)},
         stdout=subprocess.DEVNULL,

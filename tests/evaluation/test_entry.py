@@ -8,6 +8,7 @@ import pytest
 from qcar_env import agents, baselines
 from qcar_env.baselines import catalogue
 from qcar_env.evaluation.entry import Entry, entry_of, may_enter
+from qcar_env.evaluation.policy import shown_to
 from qcar_env.evaluation.tracks import TRACKS, track
 
 BUDGET = track("budget")
