@@ -48,6 +48,7 @@ class Rollout:
     scenario: Scenario  # as drawn
     before: tuple[float, float, float, float]  # x1, x2, v1, v2 when the first interval begins
     signals: Mapping[str, Array] = field(default_factory=dict[str, Array])  # (k,) others, by name
+    phase: float = 0.0  # of an endless road at the start [rad]
 
     def window(self, periods: int | None) -> slice:
         """Return the rows that amplitudes are taken over: the last whole periods, or all for None.
@@ -119,6 +120,7 @@ class Rollouts:
             scenario=scenario,
             before=(x1, x2, v1, v2),
             signals={name: each[k, j] for name, each in self.signals.items()},
+            phase=self.episodes[j].phase,
         )
 
     def rho(self, periods: int | None) -> Array:
