@@ -31,7 +31,7 @@ def comfort_speed(
     speeds: Sequence[float],
     *,
     policy: Callable[[Scenario], Policy] | None = None,
-    observe: Observe = "full",
+    observe: Observe | None = None,
 ) -> ComfortSpeed:
     """Return the fastest of some speeds at which a criterion holds, and at all lower ones.
 
@@ -47,8 +47,8 @@ def comfort_speed(
     policy : callable, optional
         ``policy(scenario)`` makes the policy for a speed; without it actions are 0: no force, or
         the middle of a semi-active damper's range.
-    observe : {"full", "feedback"} or sequence
-        What the policy is shown.
+    observe : {"full", "feedback"} or sequence, optional
+        What the policy is shown (see `rollout`).
 
     Raises
     ------

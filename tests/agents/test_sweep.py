@@ -209,7 +209,7 @@ def trained(monkeypatch):
         found = {"1": {"rho": 0.5, "x1": 0.1, "x2": 0.2}, "0.5": {"rho": 0.7, "x1": 0.2, "x2": 0.1}}
         (folder / "result.json").write_text(json.dumps({"validation": found, "steps": 7}))
 
-    monkeypatch.setattr(sweeps, "train", train)
+    monkeypatch.setattr("qcar_env.agents.train.train", train)
     return asked
 
 
