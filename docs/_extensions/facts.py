@@ -271,7 +271,7 @@ def agents() -> str:
 
 
 def throughput() -> str:
-    """Return the table of `make throughput`: of the machine that builds, or of the one kept."""
+    """Return the table of `qcar throughput`: of the machine that builds, or of the one kept."""
     from qcar_env.evaluation.throughput.result import table
 
     for path in (
