@@ -23,7 +23,7 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
-from qcar_env.baselines import catalogue
+from qcar_env.baselines import catalogue, classical
 from qcar_env.commands.main import COMMANDS
 from qcar_env.control import LAWS
 from qcar_env.envs.episode import FULL
@@ -141,6 +141,21 @@ def presets() -> str:
             _table(["hump", "what", "made for", "source"], humps),
             _table(["actuator or sensors", "what"], equipment),
         ]
+    )
+
+
+def controllers() -> str:
+    """Return the table of the controllers of real cars."""
+    rows = []
+    for name, each in classical.CLASSICAL.items():
+        gains = ", ".join(
+            f"`{gain}` = {'by the car' if value is None else f'{value:g}'}"
+            for gain, value in each.gains.items()
+        )
+        acts = {None: "either", True: "damper", False: "actuator"}[each.valve]
+        rows.append([f"`{name}`", each.title, acts, each.needs, gains or "none"])
+    return _table(
+        ["name", "what", "acts through", "what it reads and is designed on", "gains"], rows
     )
 
 
@@ -271,7 +286,7 @@ def agents() -> str:
 
 
 def throughput() -> str:
-    """Return the table of `make throughput`: of the machine that builds, or of the one kept."""
+    """Return the table of `qcar throughput`: of the machine that builds, or of the one kept."""
     from qcar_env.evaluation.throughput.result import table
 
     for path in (
@@ -330,6 +345,7 @@ FACTS: dict[str, Callable[[], str]] = {
         agents,
         baselines,
         commands,
+        controllers,
         environment,
         equations,
         laws,

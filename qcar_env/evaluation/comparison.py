@@ -197,7 +197,7 @@ def _outcomes(comparison: Comparison) -> str:
         lines += [
             f"optimum: no force within the limits, of any shape, leaves less than rho = "
             f"{best.bound:.4f}; the one listed is known in advance, policies act on what they see",
-            "make benchmark scores every policy at every limit, with intervals",
+            "qcar benchmark scores every policy at every limit, with intervals",
         ]
     return "\n".join(lines) + "\n"
 

@@ -7,7 +7,7 @@ import pytest
 
 from qcar_env import SCENARIOS, scenario
 from qcar_env.analysis.optimum import period_optimum
-from qcar_env.baselines import catalogue
+from qcar_env.baselines import catalogue, classical
 from qcar_env.envs import episode as task
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
 from qcar_env.evaluation.rollouts import rollout, rollouts
@@ -15,6 +15,7 @@ from qcar_env.evaluation.tracks import episodes, track
 from qcar_env.parts.spring import CubicSpring
 from qcar_env.physics import linear
 from qcar_env.physics.signals import SIGNALS
+from qcar_env.scenarios.presets import over_hump
 
 PAPER = scenario("paper")
 BUDGET = track("budget")
@@ -363,3 +364,15 @@ def test_the_first_interval_that_is_measured_begins_before_the_first_row():
     assert np.array_equal(whole.before, [case.state for case in cases])
     assert np.array_equal(end.before, whole.x[-101])
     assert np.array_equal(end.rho(3), whole.rho(3))
+
+
+def test_a_policy_is_shown_what_it_reads():
+    # the full observation was the default, whose first entries controllers took for their own
+    scenario = over_hump("escort", "belgium", actuator="cdc")
+    for name in ("add", "skyhook-on-off"):
+        policy = classical.make(name, scenario)
+        given = rollout(policy, scenario, duration=1.0, observe=policy.reads)
+        left_out = rollout(policy, scenario, duration=1.0)
+        assert np.array_equal(given.x2, left_out.x2)
+        full = rollout(policy, scenario, duration=1.0, observe="full")
+        assert not np.array_equal(given.x2, full.x2)
