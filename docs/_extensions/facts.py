@@ -155,7 +155,7 @@ def controllers() -> str:
         acts = {None: "either", True: "damper", False: "actuator"}[each.valve]
         rows.append([f"`{name}`", each.title, acts, each.needs, gains or "none"])
     return _table(
-        ["name", "what", "acts through", "what it reads and is designed on", "gains"], rows
+        ["name", "what", "acts through", "reads, designed on", "gains"], rows
     )
 
 
