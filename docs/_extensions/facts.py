@@ -154,9 +154,7 @@ def controllers() -> str:
         )
         acts = {None: "either", True: "damper", False: "actuator"}[each.valve]
         rows.append([f"`{name}`", each.title, acts, each.needs, gains or "none"])
-    return _table(
-        ["name", "what", "acts through", "reads, designed on", "gains"], rows
-    )
+    return _table(["name", "what", "acts through", "reads, designed on", "gains"], rows)
 
 
 def _parameters(scenario: Scenario) -> list[list[str]]:
