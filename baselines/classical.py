@@ -206,7 +206,7 @@ def _semi_active(kind: Any, scenario: Scenario, **numbers: float) -> SemiActiveP
 class Classical:
     """A controller by name."""
 
-    make: Callable[..., Any]  # make(scenario, **gains)
+    make: Callable[..., Any]  # of the scenario, and of gains by name
     title: str
     needs: str  # beside its gains: what it reads at each sample, and what it was designed on
     gains: Mapping[str, float | None]  # stated defaults; None where the car decides

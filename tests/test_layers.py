@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,12 @@ def checkout(tmp_path: Path) -> Path:
 def test_imports_go_down_only(checkout: Path):
     report = lint_imports(checkout)
     assert report.returncode == 0, report.stdout + report.stderr
+
+
+@pytest.mark.parametrize(("name", "folder"), FOLDERS.items())
+def test_the_installed_packages_are_those_of_this_checkout(name: str, folder: str):
+    # an editable install of another checkout gives a mixture of both
+    assert Path(import_module(name).__file__ or "").parent == ROOT / folder
 
 
 def test_every_folder_of_the_library_is_a_package():

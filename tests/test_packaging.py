@@ -1,12 +1,11 @@
 """What is shipped, and the versions it is tested with."""
 
-import functools
 import os
 import re
 import subprocess
 import sys
 import venv
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from importlib.metadata import Distribution, distribution, requires
 from pathlib import Path
 from shutil import copy, copytree, ignore_patterns
@@ -16,6 +15,7 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from qcar_env.agents import load
 from qcar_env.scenarios import files, scenario
 
 if sys.version_info >= (3, 11):
@@ -29,7 +29,6 @@ PROJECT = PYPROJECT["project"]
 FOLDERS = PYPROJECT["tool"]["setuptools"]["package-dir"]  # by the name of the package
 # `make test` installs the other extras, so no version of these has been tested.
 UNTESTED_EXTRAS = {"peers"}
-Install = Callable[..., Path]  # extras to the folder of the programs
 PYTHONS = ["3.10", "3.11", "3.12", "3.13"]
 
 
@@ -59,7 +58,7 @@ def test_the_wheel_holds_every_module_and_every_file_that_they_read(wheel: ZipFi
         f"{name.replace('.', '/')}/{path.relative_to(ROOT / folder).as_posix()}"
         for name, folder in FOLDERS.items()
         for path in (ROOT / folder).rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
+        if path.is_file() and path.parent.name != "__pycache__"
     }
     held = {name for name in wheel.namelist() if ".dist-info/" not in name}
     assert held == wanted
@@ -78,25 +77,18 @@ def needed(package: str, extras: frozenset[str]) -> Iterator[Distribution]:
             yield from needed(requirement.name, frozenset(requirement.extras))
 
 
-@pytest.fixture(scope="module")
-def install(wheel: ZipFile, tmp_path_factory: pytest.TempPathFactory) -> Install:
-    """Make fresh virtual environments of the wheel and what its extras bring, without a network."""
-
-    @functools.cache
-    def made(*extras: str) -> Path:
-        folder = tmp_path_factory.mktemp("fresh")
-        venv.create(folder, with_pip=True)
-        python = folder / "bin" / "python"
-        install = ("-m", "pip", "install", "-q", "--no-index", "--no-deps", str(wheel.filename))
-        subprocess.run([python, *install], check=True)
-        (site,) = folder.glob("lib/*/site-packages")
-        for each in needed(PROJECT["name"], frozenset(extras)):
-            for top in {path.parts[0] for path in each.files or ()} - {"..", "__pycache__"}:
-                if not (site / top).exists():
-                    (site / top).symlink_to(str(each.locate_file(top)))
-        return folder / "bin"
-
-    return made
+def fresh(folder: Path, wheel: ZipFile, *extras: str) -> Path:
+    """Make a virtual environment of the wheel and what its extras bring, without a network."""
+    venv.create(folder, with_pip=True)
+    python = folder / "bin" / "python"
+    install = ("-m", "pip", "install", "-q", "--no-index", "--no-deps", str(wheel.filename))
+    subprocess.run([python, *install], check=True)
+    (site,) = folder.glob("lib/*/site-packages")
+    for each in needed(PROJECT["name"], frozenset(extras)):
+        for top in {path.parts[0] for path in each.files or ()} - {"..", "__pycache__"}:
+            if not (site / top).exists():
+                (site / top).symlink_to(str(each.locate_file(top)))
+    return folder / "bin"
 
 
 def run(program: Path, *words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -105,73 +97,64 @@ def run(program: Path, *words: str, cwd: Path) -> subprocess.CompletedProcess[st
     return subprocess.run([program, *words], cwd=cwd, env=plain, capture_output=True, text=True)
 
 
+@pytest.fixture
+def work(tmp_path: Path) -> Path:
+    (tmp_path / "work").mkdir()
+    return tmp_path / "work"
+
+
 @pytest.mark.slow
-def test_without_extras_the_wheel_has_laws_and_help(install: Install, tmp_path: Path):
-    programs = install()
+def test_without_extras_the_wheel_has_laws_and_help(wheel: ZipFile, tmp_path: Path, work: Path):
+    programs = fresh(tmp_path / "environment", wheel)
     code = (
-        "from qcar_env.baselines import catalogue; from qcar_env.scenarios import scenario; "
-        "from qcar_env.evaluation.rollouts import rollout; paper = scenario('paper'); "
-        "print(rollout(catalogue.make('cnvc', paper), paper, duration=1.0).amplitudes(periods=1))"
+        "from qcar_env.baselines import catalogue; from qcar_env.agents import load; "
+        "print(catalogue.make('cnvc', 'paper').name, *load.names())"
     )
-    assert run(programs / "python", "-c", code, cwd=tmp_path).stderr == ""
-    assert "compare" in run(programs / "qcar", "--help", cwd=tmp_path).stdout
-    refused = run(programs / "qcar", "compare", cwd=tmp_path)
+    found = run(programs / "python", "-c", code, cwd=work)
+    assert found.stdout.split() == ["CNVC", *load.names()], found.stderr
+    assert "compare" in run(programs / "qcar", "--help", cwd=work).stdout
+    refused = run(programs / "qcar", "compare", cwd=work)
     assert refused.returncode == 2
     assert refused.stderr == (
         'compare: needs matplotlib, not installed; pip install "qcar_env[plots]"\n'
     )
-    assert not list(tmp_path.iterdir())
+    assert not list(work.iterdir())
 
 
-ALL = ("plots", "run", "mpc", "render", "report", "headroom")
-POLICY = "my_policy:Bang"  # of the README
-
-
-def blocks() -> list[str]:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    return re.findall(r"^```python\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", range(len(blocks())))
-def test_the_python_of_the_readme_runs_with_the_wheel(number, install, tmp_path):
-    found = run(install(*ALL) / "python", "-W", "error", "-c", blocks()[number], cwd=tmp_path)
-    assert found.returncode == 0, found.stderr
+WORDS = {  # commands, with a file that each makes
+    "compare --scenario mine.toml --laws none": "results/compare/table.csv",
+    "report --laws none cnvc --duration 2": "results/compare/report.html",
+    "watch --policy ppo-paper --duration 0.2 --size 320 240": "results/watch/*.mp4",
+    "benchmark --policy my_policy:Bang --tracks paper --baselines cnvc --jobs 2": (
+        "results/benchmark/leaderboard.md"
+    ),
+    "figures --only 4 --quick": "results/figures/figure-04.png",
+}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("words", "made"),
-    [
-        ("compare --laws none cnvc --duration 2", "results/compare/table.csv"),
-        ("compare --scenario mine.toml --laws none", "results/compare/table.csv"),
-        ("report --laws none cnvc --duration 2", "results/compare/report.html"),
-        ("watch --duration 0.2 --size 320 240 --out film.gif", "film.gif"),
-        ("watch --policy ppo-paper --duration 0.2 --size 320 240", "results/watch/*.mp4"),
-        (
-            f"benchmark --policy {POLICY} --tracks paper --baselines cnvc --jobs 2",
-            "results/benchmark/leaderboard.md",
-        ),
-        ("figures --only 4 --quick", "results/figures/figure-04.png"),
-        (
-            "tune --track budget --force-scale 0.5 --baselines lnvc --population 5",
-            "results/tune/tuned.json",
-        ),
-    ],
-)
-def test_a_command_of_the_wheel_writes_into_the_current_folder(words, made, install, tmp_path):
-    (bang,) = [each for each in blocks() if "class Bang" in each]
-    (tmp_path / "my_policy.py").write_text(bang, encoding="utf-8")
-    files.write(scenario("mathworks-hump"), tmp_path / "mine.toml")
-    programs = install(*ALL)
+def test_with_extras_the_wheel_does_what_the_readme_says(
+    wheel: ZipFile, tmp_path: Path, work: Path
+):
+    """In one test, since an environment compiles its kernels only once."""
+    extras = ("plots", "run", "mpc", "render", "report", "headroom")
+    programs = fresh(tmp_path / "environment", wheel, *extras)
     (home,) = programs.parent.glob("lib/*/site-packages/qcar_env")
-    before = {path: path.stat().st_mtime_ns for path in home.rglob("*.*")}
-    plain = run(programs / "qcar", *words.split(), cwd=tmp_path)
-    assert plain.returncode == 0, plain.stderr
-    assert list(tmp_path.glob(made))
-    after = {path: path.stat().st_mtime_ns for path in home.rglob("*.*")}
-    changed = {path for path in after if after[path] != before.get(path)}
-    assert {path.parent.name for path in changed} <= {"__pycache__", "qcar_env"}
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```$", readme, re.MULTILINE | re.DOTALL)
+    for block in blocks:
+        found = run(programs / "python", "-W", "error", "-c", block, cwd=work)
+        assert found.returncode == 0, found.stderr
+    (bang,) = [each for each in blocks if "class Bang" in each]
+    (work / "my_policy.py").write_text(bang, encoding="utf-8")
+    files.write(scenario("mathworks-hump"), work / "mine.toml")
+    for words, made in WORDS.items():
+        found = run(programs / "qcar", *words.split(), cwd=work)
+        assert found.returncode == 0, found.stderr
+        assert list(work.glob(made)), words
+    there = {path for path in home.rglob("*") if path.is_file()}
+    new = there - {home.parent / name for name in wheel.namelist()}
+    assert {path.parent.name for path in new} <= {"__pycache__"}  # of Python and numba
 
 
 def requirements() -> list[Requirement]:

@@ -1,4 +1,8 @@
-"""One reference page for each module of `qcar_env`, written before the build reads the pages."""
+"""One reference page for each module of the library, and for those of its policies.
+
+They are written before the build reads the pages. Modules that train agents need torch, which the
+documentation is built without: of `qcar_env.agents` there is what loads them.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +14,18 @@ from sphinx.application import Sphinx
 
 def write_pages(app: Sphinx) -> None:
     """Write `api/index.md` and a page for each module; leave equal files alone."""
-    package = Path(app.srcdir).parent / "qcar_env"
+    root = Path(app.srcdir).parent
     folder = Path(app.srcdir) / "api"
     folder.mkdir(exist_ok=True)
     pages: dict[str, str] = {}
     sections: dict[str, list[tuple[str, str]]] = {}
-    for path in sorted(package.rglob("*.py")):
+    places = {path: path.relative_to(root) for path in (root / "qcar_env").rglob("*.py")}
+    for path in (*(root / "baselines").glob("*.py"), root / "agents" / "load.py"):
+        places[path] = Path("qcar_env") / path.relative_to(root)
+    for path, place in sorted(places.items(), key=lambda each: each[1]):
         text = path.read_text(encoding="utf-8")
         summary = (ast.get_docstring(ast.parse(text)) or "").split("\n", 1)[0]
-        parts = path.relative_to(package.parent).with_suffix("").parts
+        parts = place.with_suffix("").parts
         if parts[-1] == "__init__":
             continue
         name = ".".join(parts)
