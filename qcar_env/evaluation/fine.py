@@ -93,8 +93,8 @@ def fine(rollout: Rollout) -> Fine:
     # a = last + b (1 - s) + c (1 - s)^2 with the integrals b / 2 + c / 3 and b / 3 + c / 4
     b, c = 18.0 * mean - 24.0 * moment, 36.0 * moment - 24.0 * mean
     left = 1.0 - s
-    wheel, wheel_rate = _cubic(x1, v1, h, s)
-    travel, travel_rate = _cubic(x2 - x1, v2 - v1, h, s)
+    wheel, wheel_rate = cubic(x1, v1, h, s)
+    travel, travel_rate = cubic(x2 - x1, v2 - v1, h, s)
     t = rollout.t[:, np.newaxis] - h * left
     on = scenario.excitation
     when = t + (rollout.phase / on.omega if on.harmonic else 0.0)
@@ -125,7 +125,7 @@ def _force(rollout: Rollout, s: Array) -> Array:
     return begin + (end - begin) * s
 
 
-def _cubic(x: Array, v: Array, h: float, s: Array) -> tuple[Array, Array]:
+def cubic(x: Array, v: Array, h: float, s: Array) -> tuple[Array, Array]:
     """Return values and rates (k, len(s)) of the cubics through ends (k + 1,) at shares `s`."""
     x0, a, b = x[:-1, np.newaxis], h * v[:-1, np.newaxis], h * v[1:, np.newaxis]
     rise = x[1:, np.newaxis] - x0
