@@ -28,6 +28,8 @@ from qcar_env.commands.main import COMMANDS
 from qcar_env.control import LAWS
 from qcar_env.envs.episode import FULL
 from qcar_env.envs.quarter_car_hump import QuarterCarHumpEnv
+from qcar_env.evaluation.comfort import WORDS
+from qcar_env.evaluation.ride import MEASURES
 from qcar_env.evaluation.tracks import TRACKS
 from qcar_env.parts.part import Part, units
 from qcar_env.physics.linear import modes
@@ -74,6 +76,21 @@ def signals() -> str:
         cars = "with masses" if each.needs_masses else "all"
         rows.append([f"`{each.name}`", each.title, _raised(each.unit), cars])
     return _table(["name", "what", "unit", "cars"], rows)
+
+
+def measures() -> str:
+    """Return the measures of a ride."""
+    rows = [[f"`{name}`", each.title, _raised(each.unit)] for name, each in MEASURES.items()]
+    return _table(["name", "what", "unit"], rows)
+
+
+def words() -> str:
+    """Return what ISO 2631-1 calls a weighted root mean square."""
+    rows = [
+        [word, f"{low:g}", f"{high:g}" if high < float("inf") else ""]
+        for word, (low, high) in WORDS.items()
+    ]
+    return _table(["annex C", "from [m/s²]", "to [m/s²]"], rows)
 
 
 def actions() -> str:
@@ -348,6 +365,7 @@ FACTS: dict[str, Callable[[], str]] = {
         equations,
         laws,
         layers,
+        measures,
         observations,
         presets,
         scenarios,
@@ -356,6 +374,7 @@ FACTS: dict[str, Callable[[], str]] = {
         throughput,
         tracks,
         versions,
+        words,
     )
 }
 
@@ -382,7 +401,7 @@ def _section(doc: str, title: str) -> str:
 
 
 def _raised(unit: str) -> str:
-    return unit.replace("^2", "²").replace("^3", "³")
+    return unit.replace("^1.75", "¹·⁷⁵").replace("^2", "²").replace("^3", "³")
 
 
 def _toml() -> Any:

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import zip_longest
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -24,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
+from scipy.linalg import expm, matrix_balance
 
 from qcar_env.validation import finite_array, known, positive, shown
 
@@ -138,6 +140,68 @@ def weighted(acceleration: ArrayLike, dt: float, weighting: str | Weighting = "W
     spectrum *= gain[:, np.newaxis] if a.ndim == 2 else gain
     found: Any = fft.irfft(spectrum, size, axis=0)
     return found[:k].astype(np.float64, copy=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recursion:
+    """A weighting sample by sample, for what must be known at once, such as a reward."""
+
+    A: Array  # (f, f)
+    B0: Array  # (f,) of the sample before
+    B1: Array  # (f,) of the sample now
+    C: Array  # (f,)
+    D: float
+
+    def start(self, count: int) -> Array:
+        """Return the filter's state at rest, of `count` cars, shape (count, f)."""
+        return np.zeros((count, len(self.A)))
+
+    def step(self, state: Array, before: ArrayLike, now: ArrayLike) -> tuple[Array, Array]:
+        """Return the next state (n, f) and the weighted acceleration now (n,) [m/s^2].
+
+        Parameters
+        ----------
+        state : ndarray (n, f)
+            State at the sample before.
+        before, now : array_like (n,)
+            Acceleration then and now [m/s^2].
+        """
+        a0, a1 = (np.asarray(each, dtype=np.float64) for each in (before, now))
+        state = state @ self.A.T + np.outer(a0, self.B0) + np.outer(a1, self.B1)
+        return state, state @ self.C + self.D * a1
+
+
+def recursion(dt: float, weighting: str | Weighting = "Wk") -> Recursion:
+    """Return a weighting of samples that come one by one, exact for samples joined by lines.
+
+    Parameters
+    ----------
+    dt : float
+        Time between two samples [s].
+    weighting : str or Weighting
+        ``"Wk"``, ``"Wb"``, or a filter of one's own.
+
+    Notes
+    -----
+    Lines take ``1 - sinc(f dt)^2`` of a frequency f away: at 200 Hz 0.5 % at 8 Hz, 3 % at 20 Hz,
+    19 % at 50 Hz. For what is reported take `weighted`.
+    """
+    from scipy import signal  # slow to import
+
+    lti: Any = signal.lti
+    found: Any = lti(*_checked(weighting)).to_ss()
+    dt = positive("dt", dt, "s")
+    balanced: Any = matrix_balance(found.A, permute=False)
+    A, T = balanced
+    f = len(A)
+    m = np.zeros((f + 2, f + 2))  # of state, input and its change over a sample
+    m[:f, :f], m[:f, f] = A * dt, np.linalg.solve(T, found.B[:, 0]) * dt
+    m[f, f + 1] = 1.0
+    exact = expm(m)
+    B1 = exact[:f, f + 1]
+    return Recursion(
+        A=exact[:f, :f], B0=exact[:f, f] - B1, B1=B1, C=found.C[0] @ T, D=float(found.D[0, 0])
+    )
 
 
 def rows(name: str, values: ArrayLike, unit: str) -> Array:

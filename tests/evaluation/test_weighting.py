@@ -7,7 +7,7 @@ from scipy import signal
 from scipy.linalg import expm
 
 from qcar_env.evaluation import comfort
-from qcar_env.evaluation.weighting import WEIGHTINGS, Weighting, weighted, weighting
+from qcar_env.evaluation.weighting import WEIGHTINGS, Weighting, recursion, weighted, weighting
 
 # ISO 8041-1:2017, annex B: Wk at 10^(n/10) Hz, n = -10..26
 TABLE = np.array(
@@ -136,6 +136,22 @@ def test_a_weighting_of_ones_own_is_taken():
     aw = weighted(smooth, 0.005, lag)
     assert aw[200:].max() - aw[200:].min() == pytest.approx(2.0 * steady, rel=0.01)
     assert weighting(lag) is lag
+
+
+@pytest.mark.parametrize("name", list(WEIGHTINGS))
+@pytest.mark.parametrize("frequency", [1.0, 8.0, 20.0, 50.0])
+def test_sample_by_sample_a_sine_loses_what_lines_between_samples_take(name, frequency):
+    """The spectrum of a line between samples is sinc^2."""
+    dt = 0.005
+    a = np.sin(2.0 * np.pi * frequency * dt * np.arange(4_000))
+    filter = recursion(dt, name)
+    z, found = filter.start(2), np.zeros((4_000, 2))
+    for k in range(1, 4_000):
+        z, found[k] = filter.step(z, [a[k - 1], 0.0], [a[k], 0.0])
+    gain = abs(WEIGHTINGS[name].response(frequency)) * np.sinc(frequency * dt) ** 2
+    amplitude = np.sqrt(2.0) * comfort.weighted_rms(found[3_000:, 0])
+    assert amplitude == pytest.approx(gain, rel=0.01 if frequency < 30.0 else 0.07)
+    assert not np.any(found[:, 1])
 
 
 @pytest.mark.parametrize(
