@@ -11,7 +11,6 @@ from qcar_env.analysis.paper.table1 import table1
 from qcar_env.baselines import catalogue
 from qcar_env.commands import compare
 from qcar_env.evaluation import storage
-from qcar_env.plots import time_history
 
 HUMP = ["--scenario", "mathworks-hump", "--duration", "1.5"]
 
@@ -159,7 +158,7 @@ def test_a_comparison_killed_before_its_figure_leaves_none_of_an_older_one(tmp_p
 
     for name in ("time_histories.png", "report.html"):
         (tmp_path / name).write_text("old")
-    monkeypatch.setattr(time_history, "comparison", killed)
+    monkeypatch.setattr("qcar_env.plots.time_history.comparison", killed)
     assert run(tmp_path, *HUMP, "--laws", "none") == 130
     assert {each.name for each in tmp_path.iterdir()} == {"table.csv", "result.json"}
 
@@ -169,7 +168,7 @@ def test_two_comparisons_in_one_folder_do_not_mix_table_and_figure(tmp_path, mon
         with pytest.raises(ValueError, match="is being written"), storage.held(tmp_path):
             pass
 
-    monkeypatch.setattr(time_history, "comparison", drawn)
+    monkeypatch.setattr("qcar_env.plots.time_history.comparison", drawn)
     assert run(tmp_path, *HUMP, "--laws", "none") == 0
 
 
