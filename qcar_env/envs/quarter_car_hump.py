@@ -122,8 +122,8 @@ class QuarterCarHumpEnv(gym.Env[NDArray[np.float32], NDArray[np.float32]]):
     env = gym.make("QuarterCarHump-v0", scenario="paper", observe="full")
     ```
 
-    - `scenario`: a name from `qcar_env.SCENARIOS`, a `Scenario`, or one as TOML or JSON, a file or
-      a text;
+    - `scenario`: a name from `qcar_env.SCENARIOS`, a `Scenario`, one as TOML or JSON, a file or a
+      text, or where one is found, as ``module:object``;
     - `observe`, `observe_limit`: see the observation space;
     - `reward`: see the reward;
     - `force_scale`: factor on the actuator's limit, 1 by default;

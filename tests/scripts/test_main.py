@@ -68,15 +68,8 @@ def test_an_unknown_command_is_refused_in_a_line(capsys):
 
 
 def without(monkeypatch, *packages):
-    """Let packages seem not to be installed."""
-    there = importlib.metadata.distribution
-
-    def distribution(name):
-        if name in packages:
-            raise importlib.metadata.PackageNotFoundError(name)
-        return there(name)
-
-    monkeypatch.setattr(importlib.metadata, "distribution", distribution)
+    """Let these packages seem not to be installed, and all others seem so."""
+    monkeypatch.setattr("qcar_env.commands.main._installed", lambda name: name not in packages)
 
 
 @pytest.mark.parametrize(
