@@ -13,9 +13,10 @@ from typing import Any
 from ray import tune
 from ray.tune.schedulers import ASHAScheduler
 
-from qcar_env.agents import sweep
-from qcar_env.agents.sweep import Row, Tell, Trial
+from qcar_env.agents import trial_runs
+from qcar_env.agents.sweep import Row, Trial
 from qcar_env.agents.train import EVALUATIONS, Progress
+from qcar_env.agents.trial_runs import Tell
 
 LOST = 3  # times that a trial may lose its machine
 GRACE = 3  # live evaluations before a trial may be stopped, of EVALUATIONS: a third of a training
@@ -33,7 +34,7 @@ def execute(trials: Sequence[Trial], out: Path, tell: Tell, *, early_stop: bool 
     Parameters
     ----------
     trials, out, tell
-        See `qcar_env.agents.sweep.run`.
+        See `qcar_env.agents.trial_runs.run`.
     early_stop : bool
         Stop what is behind two thirds of the others of its task at a rung (ASHA). Which ones it is
         depends on the order of their results, and so the table does.
@@ -77,9 +78,9 @@ def _train(config: dict[str, Any], trials: Sequence[Trial], out: Path) -> None:
         tune.report({"evaluation": count, **dataclasses.asdict(progress)})
 
     try:
-        row = sweep.run_trial(trial, out, report)
+        row = trial_runs.run_trial(trial, out, report)
     except Exception as error:  # Tune would try again what fails again
-        row = sweep.failed(trial, error)
+        row = trial_runs.failed(trial, error)
     tune.report(
         {"evaluation": EVALUATIONS + 2, "rho": row.rho, "row": json.dumps(dataclasses.asdict(row))}
     )
@@ -98,12 +99,14 @@ class _Told(tune.Callback):
             if "row" in last:
                 row = Row(**json.loads(last["row"]))
             else:
-                row = sweep.finished(which, self._out) or sweep.stop(which, self._out, last)
+                row = trial_runs.finished(which, self._out) or trial_runs.stop(
+                    which, self._out, last
+                )
         except (OSError, KeyError) as error:
-            row = sweep.failed(which, error)
+            row = trial_runs.failed(which, error)
         self._tell(row)
 
     def on_trial_error(self, iteration: int, trials: Any, trial: Any, **info: Any) -> None:
         which = self._trials[trial.config["number"]]
         lost = trial.get_error() or RuntimeError("it ended without a word")
-        self._tell(sweep.finished(which, self._out) or sweep.failed(which, lost))
+        self._tell(trial_runs.finished(which, self._out) or trial_runs.failed(which, lost))

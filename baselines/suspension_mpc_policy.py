@@ -130,8 +130,7 @@ class SuspensionMPCPolicy:
         result, status = self._solver.solve(raise_error=False), self._status
         if result.info.status_val == status.OSQP_SIGINT:  # it keeps Ctrl-C from Python
             raise KeyboardInterrupt
-        # Inaccurate is within ten times the tolerance: far past the stroke it converges slowly.
-        if result.info.status_val not in (status.OSQP_SOLVED, status.OSQP_SOLVED_INACCURATE):
+        if result.info.status_val != status.OSQP_SOLVED:
             raise RuntimeError(
                 f"OSQP did not solve the program ({result.info.status}); give other weights or a "
                 "shorter horizon"

@@ -175,3 +175,6 @@ def _progress(name: str, done: int, total: int, spent: float) -> None:
 
 
 main = command.main("benchmark", __doc__, OPTIONS, run)
+
+if __name__ == "__main__":
+    raise SystemExit(main())

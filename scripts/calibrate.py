@@ -96,3 +96,6 @@ def calibrate(start: calibration.Candidate, omegas: Sequence[float], out: Path) 
 
 
 main = command.main("calibrate", __doc__.splitlines()[0], OPTIONS, run)
+
+if __name__ == "__main__":
+    raise SystemExit(main())

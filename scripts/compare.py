@@ -120,3 +120,6 @@ def _gains(given: Sequence[str]) -> dict[str, dict[str, float]]:
 
 # a RuntimeError: what MPC needs is absent
 main = command.main("compare", __doc__, OPTIONS, run, RuntimeError)
+
+if __name__ == "__main__":
+    raise SystemExit(main())

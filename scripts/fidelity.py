@@ -28,3 +28,6 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 main = command.main("fidelity", __doc__.splitlines()[0], OPTIONS, run)
+
+if __name__ == "__main__":
+    raise SystemExit(main())

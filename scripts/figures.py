@@ -102,3 +102,6 @@ def _title(name: str) -> str:
 
 
 main = command.main("figures", __doc__.splitlines()[0], OPTIONS, run)
+
+if __name__ == "__main__":
+    raise SystemExit(main())

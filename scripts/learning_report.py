@@ -48,3 +48,6 @@ def run(args: argparse.Namespace) -> None:
 
 
 main = command.main("learning-report", __doc__, OPTIONS, run)
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -20,9 +20,9 @@ import time
 from functools import partial
 from pathlib import Path
 
-from qcar_env.agents import sweep as sweeps
+from qcar_env.agents import trial_runs
 from qcar_env.agents.recipes import ALGORITHMS, TASKS
-from qcar_env.agents.sweep import SEARCHES, Row, Sweep
+from qcar_env.agents.sweep import SEARCHES, Row, Sweep, check_searchable
 from qcar_env.commands import command
 from qcar_env.evaluation import ray_workers, slurm, storage, workers
 from qcar_env.validation import known, whole
@@ -105,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.runner == "slurm":
         slurm.check_installed()
     if chosen.settings:
-        sweeps.check_searchable()
+        check_searchable()
     with storage.held(out):
         try:
             return _run(chosen, out, early_stop, arguments)
@@ -140,7 +140,7 @@ def _run(chosen: Sweep, out: Path, early_stop: bool, arguments: argparse.Namespa
             from qcar_env.agents import ray_sweep
 
             execute = partial(ray_sweep.execute, early_stop=early_stop)
-            rows = sweeps.run(chosen, out, execute, progress=progress)
+            rows = trial_runs.run(chosen, out, execute, progress=progress)
     else:
         storage.write_json(out / "sweep.json", content)
         each_done = partial(workers.each_done, jobs=arguments.jobs)
@@ -153,16 +153,16 @@ def _run(chosen: Sweep, out: Path, early_stop: bool, arguments: argparse.Namespa
                 minutes=arguments.minutes,
                 **more,
             )
-        execute = partial(sweeps.in_workers, each_done)
-        rows = sweeps.run(chosen, out, execute, progress=progress)
+        execute = partial(trial_runs.in_workers, each_done)
+        rows = trial_runs.run(chosen, out, execute, progress=progress)
     try:  # what cannot be written is still said
-        sweeps.write(out, rows)
+        trial_runs.write(out, rows)
     finally:
-        print(sweeps.ranking(rows), flush=True)
+        print(trial_runs.ranking(rows), flush=True)
     written = ["table.csv", "leaderboard.md"]
     if not arguments.no_benchmark:
         command.say("the best settings on the benchmark's held-out episodes")
-        names = sweeps.score_best(out, rows, jobs=arguments.jobs)
+        names = trial_runs.score_best(out, rows, jobs=arguments.jobs)
         written += [f"benchmark/{name}" for name in names]
     print(f"written to {out}: {', '.join(written)}")
     return 1 if any(row.status == "failed" for row in rows) else 0
@@ -204,3 +204,6 @@ def _resumed(described: Path) -> tuple[Sweep, bool]:
 
 
 main = command.main("sweep", __doc__, OPTIONS, run)
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -74,3 +74,6 @@ def _plot(result: Mapping[str, Any], path: Path) -> None:
 
 
 main = command.main("throughput", __doc__.splitlines()[0], OPTIONS, run)
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -147,3 +147,6 @@ def describe(progress: Progress, beside: References) -> str:
 
 
 main = command.main("train", __doc__, OPTIONS, run)
+
+if __name__ == "__main__":
+    raise SystemExit(main())

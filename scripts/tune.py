@@ -87,3 +87,6 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 main = command.main("tune", __doc__, OPTIONS, run)
+
+if __name__ == "__main__":
+    raise SystemExit(main())

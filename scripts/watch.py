@@ -124,3 +124,6 @@ def _progress(number: int, length: int) -> None:
 
 # a RuntimeError: what a policy needs is absent
 main = command.main("watch", __doc__, OPTIONS, run, RuntimeError)
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -11,6 +11,7 @@ What that is worth: see `qcar_env.evaluation.ride`.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,19 +67,8 @@ def fine(rollout: Rollout) -> Fine:
     ValueError
         If the signal was not kept, the car has no masses or the actuator pushes against the ground.
     """
+    car = measurable(rollout, FINE_SIGNALS)
     scenario = rollout.scenario
-    car: Any = scenario.car
-    if not isinstance(car, QuarterCar) or scenario.actuator.unit != "N":
-        raise ValueError(
-            f"the car must have masses and an actuator in newtons, got {type(car).__name__} with "
-            f"{type(scenario.actuator).__name__}; give a QuarterCar with a SuspensionActuator"
-        )
-    missing = [name for name in FINE_SIGNALS if name not in rollout.signals]
-    if missing:
-        raise ValueError(
-            f"the rollout must keep {', '.join(FINE_SIGNALS)}, got {', '.join(rollout.signals)}; "
-            f"roll out with signals={FINE_SIGNALS}"
-        )
     h = scenario.dt
     x1, x2, v1, v2 = (
         np.concatenate([[before], each])
@@ -114,6 +104,28 @@ def fine(rollout: Rollout) -> Fine:
         static=static,
         force=_force(rollout, s),
     )
+
+
+def measurable(rollout: Rollout, signals: Sequence[str]) -> Any:
+    """Return the car of a rollout that kept signals, if it is a `QuarterCar`.
+
+    Raises
+    ------
+    ValueError
+        If a signal was not kept, the car has no masses or the actuator pushes against the ground.
+    """
+    car, actuator = rollout.scenario.car, rollout.scenario.actuator
+    if not isinstance(car, QuarterCar) or actuator.unit != "N":
+        raise ValueError(
+            f"the car must have masses and an actuator in newtons, got {type(car).__name__} with "
+            f"{type(actuator).__name__}; give a QuarterCar with a SuspensionActuator"
+        )
+    if any(name not in rollout.signals for name in signals):
+        raise ValueError(
+            f"the rollout must keep {', '.join(signals)}, got "
+            f"{', '.join(rollout.signals) or 'none'}; roll out with signals={tuple(signals)}"
+        )
+    return car
 
 
 def _force(rollout: Rollout, s: Array) -> Array:

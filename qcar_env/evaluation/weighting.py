@@ -80,7 +80,7 @@ WEIGHTINGS: Mapping[str, Weighting] = MappingProxyType(
 )
 
 
-def weighting(name: str | Weighting) -> Weighting:
+def find_weighting(name: str | Weighting) -> Weighting:
     """Return a weighting by its name; one of one's own is returned as it is.
 
     Raises
@@ -129,7 +129,7 @@ def weighted(acceleration: ArrayLike, dt: float, weighting: str | Weighting = "W
     by coarse sampling stays. Jumps between samples ring, as in any band-limited record: sample
     them finely (`qcar_env.evaluation.ride` does).
     """
-    filter = _checked(weighting)
+    filter = find_weighting(weighting)
     a = rows("acceleration", acceleration, "m/s^2")
     dt = positive("dt", dt, "s")
     k = len(a)
@@ -189,7 +189,7 @@ def recursion(dt: float, weighting: str | Weighting = "Wk") -> Recursion:
     from scipy import signal  # slow to import
 
     lti: Any = signal.lti
-    found: Any = lti(*_checked(weighting)).to_ss()
+    found: Any = lti(*find_weighting(weighting)).to_ss()
     dt = positive("dt", dt, "s")
     balanced: Any = matrix_balance(found.A, permute=False)
     A, T = balanced
@@ -219,6 +219,3 @@ def rows(name: str, values: ArrayLike, unit: str) -> Array:
             "samples of one record, or of n records side by side"
         )
     return found
-
-
-_checked = weighting

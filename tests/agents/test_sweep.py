@@ -5,6 +5,7 @@ import dataclasses
 import json
 import math
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -18,8 +19,9 @@ pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("onnxruntime")
 
-from qcar_env.agents import sweep as sweeps
-from qcar_env.agents.recipes import recipe
+from qcar_env.agents import trial_runs
+from qcar_env.agents.load import PRETRAINED
+from qcar_env.agents.recipes import as_dict, recipe
 from qcar_env.agents.sweep import Range, Search, Sweep, Trial
 from qcar_env.commands import sweep as command
 from qcar_env.evaluation import ray_workers, slurm, workers
@@ -38,9 +40,9 @@ def executed(score, ran=None, backwards=False):
             try:
                 rho = score(trial)
             except ArithmeticError as error:
-                tell(sweeps.failed(trial, error))
+                tell(trial_runs.failed(trial, error))
             else:
-                tell(sweeps._row(trial, status="done", steps=1, rho=rho, x1=0.1, x2=0.2))
+                tell(trial_runs._row(trial, status="done", steps=1, rho=rho, x1=0.1, x2=0.2))
 
     return execute
 
@@ -138,10 +140,10 @@ def test_a_trial_has_the_recipe_with_its_settings():
 def test_the_order_of_the_results_changes_nothing(tmp_path, search):
     pytest.importorskip("optuna")
     swept = dataclasses.replace(TWELVE, points=20, search=search)
-    one = sweeps.run(swept, tmp_path, executed(bowl))
+    one = trial_runs.run(swept, tmp_path, executed(bowl))
     assert len(one) == swept.trials
-    assert one == sweeps.run(swept, tmp_path, executed(bowl, backwards=True))
-    other = sweeps.run(dataclasses.replace(swept, search_seed=1), tmp_path, executed(bowl))
+    assert one == trial_runs.run(swept, tmp_path, executed(bowl, backwards=True))
+    other = trial_runs.run(dataclasses.replace(swept, search_seed=1), tmp_path, executed(bowl))
     assert {row.run for row in one} != {row.run for row in other}
 
 
@@ -150,7 +152,7 @@ def test_tpe_draws_nearer_to_the_best_and_random_does_not_look(tmp_path):
     swept = dataclasses.replace(TWELVE, points=40, search="tpe", settings={"gamma": "0.1..0.99"})
 
     def distances(execute):
-        rows = sweeps.run(swept, tmp_path, execute)
+        rows = trial_runs.run(swept, tmp_path, execute)
         return [abs(json.loads(row.settings)["gamma"] - 0.95) for row in rows]
 
     found = distances(executed(bowl))
@@ -164,7 +166,7 @@ def test_a_setting_that_is_drawn_twice_is_trained_once(tmp_path):
     pytest.importorskip("optuna")
     ran = []
     swept = dataclasses.replace(TWELVE, settings={"batch": "256,512"}, points=9, seeds=(0,))
-    rows = sweeps.run(swept, tmp_path, executed(lambda trial: 0.5, ran))
+    rows = trial_runs.run(swept, tmp_path, executed(lambda trial: 0.5, ran))
     assert sorted(ran) == sorted({row.run for row in rows})
     assert len(rows) == 2
 
@@ -178,17 +180,17 @@ def test_a_trial_that_fails_is_told_and_the_others_go_on(tmp_path, search):
             raise ZeroDivisionError("too | little")
         return bowl(trial)
 
-    rows = sweeps.run(dataclasses.replace(TWELVE, search=search), tmp_path, executed(score))
+    rows = trial_runs.run(dataclasses.replace(TWELVE, search=search), tmp_path, executed(score))
     assert [row.status for row in rows].count("failed") == 1
     assert len(rows) == 12
-    text = sweeps.write(tmp_path, rows)
+    text = trial_runs.write(tmp_path, rows)
     assert "11 done, 0 stopped, 1 failed" in text
     assert "ZeroDivisionError" in text
     assert len((tmp_path / "table.csv").read_text().splitlines()) == 13
 
 
 def test_a_trial_that_nobody_tells_of_is_a_failure(tmp_path):
-    rows = sweeps.run(Sweep(), tmp_path, lambda trials, out, tell: None)
+    rows = trial_runs.run(Sweep(), tmp_path, lambda trials, out, tell: None)
     assert [row.status for row in rows] == ["failed"]
 
 
@@ -205,7 +207,7 @@ def trained(monkeypatch):
         if resume and (folder / "checkpoint.pt").read_text() != "good":
             raise ValueError("damaged")
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "recipe.json").write_text(json.dumps(sweeps.as_dict(recipe)))
+        (folder / "recipe.json").write_text(json.dumps(as_dict(recipe)))
         found = {"1": {"rho": 0.5, "x1": 0.1, "x2": 0.2}, "0.5": {"rho": 0.7, "x1": 0.2, "x2": 0.1}}
         (folder / "result.json").write_text(json.dumps({"validation": found, "steps": 7}))
 
@@ -217,9 +219,9 @@ TRIAL = Trial(algorithm="ppo", task="paper", point=0, settings=(), seed=0, steps
 
 
 def test_a_trial_that_is_whole_is_not_trained_again(tmp_path, trained):
-    first = sweeps.run_trial(TRIAL, tmp_path)
+    first = trial_runs.run_trial(TRIAL, tmp_path)
     assert (first.rho, first.x1, first.x2, first.steps) == (0.6, 0.2, 0.2, 7)
-    assert sweeps.run_trial(TRIAL, tmp_path) == first
+    assert trial_runs.run_trial(TRIAL, tmp_path) == first
     assert trained == ["force"]
 
 
@@ -228,35 +230,35 @@ def test_a_killed_trial_goes_on_from_its_checkpoint(tmp_path, trained, kept, ask
     folder = tmp_path / "runs" / TRIAL.name
     folder.mkdir(parents=True)
     (folder / "checkpoint.pt").write_text(kept)
-    assert sweeps.run_trial(TRIAL, tmp_path).status == "done"
+    assert trial_runs.run_trial(TRIAL, tmp_path).status == "done"
     assert trained == asked
 
 
 def test_a_trial_of_another_recipe_is_trained_again(tmp_path, trained):
-    sweeps.run_trial(TRIAL, tmp_path)
+    trial_runs.run_trial(TRIAL, tmp_path)
     path = tmp_path / "runs" / TRIAL.name / "recipe.json"
     path.write_text(path.read_text().replace('"gamma": 0.93', '"gamma": 0.5'))
-    assert sweeps.finished(TRIAL, tmp_path) is None
-    sweeps.run_trial(TRIAL, tmp_path)
+    assert trial_runs.finished(TRIAL, tmp_path) is None
+    trial_runs.run_trial(TRIAL, tmp_path)
     assert trained == ["force", "force"]
 
 
 def test_a_stopped_trial_stays_stopped(tmp_path, trained):
     folder = tmp_path / "runs" / TRIAL.name
     folder.mkdir(parents=True)
-    (folder / "recipe.json").write_text(json.dumps(sweeps.as_dict(TRIAL.recipe)))
+    (folder / "recipe.json").write_text(json.dumps(as_dict(TRIAL.recipe)))
     last = {"steps": 512, "rho": 0.8, "x1": 1.0, "x2": 2.0, "evaluation": 3}
-    row = sweeps.stop(TRIAL, tmp_path, last)
+    row = trial_runs.stop(TRIAL, tmp_path, last)
     assert (row.status, row.steps, row.rho) == ("stopped", 512, 0.8)
-    assert sweeps.run_trial(TRIAL, tmp_path) == row
+    assert trial_runs.run_trial(TRIAL, tmp_path) == row
     assert trained == []
 
 
 def test_a_rho_that_is_no_number_is_a_failure(tmp_path, trained):
-    sweeps.run_trial(TRIAL, tmp_path)
+    trial_runs.run_trial(TRIAL, tmp_path)
     path = tmp_path / "runs" / TRIAL.name / "result.json"
     path.write_text(path.read_text().replace('"rho": 0.5', '"rho": null'))
-    row = sweeps.finished(TRIAL, tmp_path)
+    row = trial_runs.finished(TRIAL, tmp_path)
     assert row is not None
     assert math.isnan(row.rho)
     assert row.status == "failed"
@@ -308,15 +310,36 @@ def test_an_address_where_nothing_answers_leaves_nothing_behind(tmp_path, capsys
 
 def test_a_sweep_that_is_there_is_not_begun_anew(tmp_path, monkeypatch, capsys):
     def run(swept, out, execute, progress):
-        return [sweeps.failed(TRIAL, ValueError(str(swept.seeds)))]
+        return [trial_runs.failed(TRIAL, ValueError(str(swept.seeds)))]
 
-    monkeypatch.setattr(command.sweeps, "run", run)
+    monkeypatch.setattr(command.trial_runs, "run", run)
     given = ["--runner", "pool", "--no-benchmark"]
     assert command.main([*given, "--seeds", "4", "5", "--out", str(tmp_path)]) == 1
     assert command.main([*given, "--out", str(tmp_path)]) == 2
     assert f"go on with --resume {tmp_path}" in capsys.readouterr().err
     assert command.main([*given, "--resume", str(tmp_path)]) == 1
     assert "(4, 5)" in capsys.readouterr().out
+
+
+def test_the_best_settings_enter_the_benchmark_with_all_their_seeds(tmp_path):
+    """Of three settings, one of which failed; runs are copies of the agent that is shipped."""
+    trials = [
+        dataclasses.replace(TRIAL, point=i, settings=(("gamma", 0.9 + 0.01 * i),))
+        for i in (0, 1, 2)
+    ]
+    rows = []
+    for trial, rho in zip(trials, (0.5, 0.01, float("nan")), strict=True):
+        for seed in (0, 1):
+            each = dataclasses.replace(trial, seed=seed)
+            status = "done" if rho == rho else "failed"
+            rows.append(trial_runs._row(each, status=status, steps=1, rho=rho, x1=0.1, x2=0.2))
+            shutil.copytree(PRETRAINED / "ppo-paper", tmp_path / "runs" / each.name)
+    assert "leaderboard.md" in trial_runs.score_best(tmp_path, rows)
+    found = json.loads((tmp_path / "benchmark" / "result.json").read_text(encoding="utf-8"))
+    best = {row.run for row in rows if row.rho == 0.01}
+    assert {each["policy"] for each in found["standings"]} == best
+    assert all(each["rho"]["value"] < 0.01 for each in found["standings"])  # those of the agent
+    assert trial_runs.score_best(tmp_path, rows[4:]) == []
 
 
 # ---- real trainings -------------------------------------------------------------------------
@@ -358,8 +381,10 @@ def undisturbed(tmp_path_factory):
     """Twelve trials through a process pool."""
     pytest.importorskip("optuna")
     out = tmp_path_factory.mktemp("undisturbed")
-    rows = sweeps.run(TWELVE, out, partial(sweeps.in_workers, partial(workers.each_done, jobs=2)))
-    sweeps.write(out, rows)
+    rows = trial_runs.run(
+        TWELVE, out, partial(trial_runs.in_workers, partial(workers.each_done, jobs=2))
+    )
+    trial_runs.write(out, rows)
     assert [row.status for row in rows] == ["done"] * 12
     return out
 
@@ -406,14 +431,14 @@ def test_bad_trials_are_told_and_the_good_ones_are_trained(tmp_path, runner):
     settings = {"n_steps": "0,64", "gamma": "0.93,1e200"}  # returns of 1e200 make weights nan
     swept = Sweep(settings=settings, points=12, steps=4096)
     with contextlib.ExitStack() as stack:
-        execute = partial(sweeps.in_workers, partial(workers.each_done, jobs=2))
+        execute = partial(trial_runs.in_workers, partial(workers.each_done, jobs=2))
         if runner == "ray":
             pytest.importorskip("ray")
             from qcar_env.agents import ray_sweep
 
             execute = ray_sweep.execute
             stack.enter_context(ray_workers.cluster(cores=2))
-        rows = sweeps.run(swept, tmp_path, execute)
+        rows = trial_runs.run(swept, tmp_path, execute)
     found = {}
     for row in rows:
         kinds = json.loads(row.settings)
@@ -426,17 +451,21 @@ def test_bad_trials_are_told_and_the_good_ones_are_trained(tmp_path, runner):
 
 
 @pytest.mark.learning
+@pytest.mark.skipif(shutil.which("mount") is None, reason="needs mount")
 @pytest.mark.filterwarnings("default")
 def test_a_full_disk_is_told_for_each_trial_and_the_sweep_ends(tmp_path):
     """A run folder takes about 200 kB, the first file of it 1 kB."""
     small = tmp_path / "small"
     small.mkdir()
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", small]).returncode:
+    mount = ["mount", "-t", "tmpfs", "-o", "size=300k", "tmpfs", small]
+    mounted = subprocess.run(mount, capture_output=True, text=True)
+    if mounted.returncode:  # whatever else mount complains of is a failure
+        assert "permi" in mounted.stderr or "superuser" in mounted.stderr, mounted.stderr
         pytest.skip("no right to mount a small disk")
     try:
         swept = Sweep(seeds=(0, 1, 2), steps=4096)
-        execute = partial(sweeps.in_workers, partial(workers.each_done, jobs=2))
-        rows = sweeps.run(swept, small, execute)
+        execute = partial(trial_runs.in_workers, partial(workers.each_done, jobs=2))
+        rows = trial_runs.run(swept, small, execute)
         assert len(rows) == 3
         full = [row for row in rows if row.status == "failed"]
         assert full
@@ -452,8 +481,8 @@ def test_submitit_trains_the_same(tmp_path, undisturbed):
     out = tmp_path / "out"
     swept = dataclasses.replace(TWELVE, points=1, seeds=(0, 1))
     each_done = partial(slurm.each_done, jobs=2, folder=out / "slurm", local=True)
-    rows = sweeps.run(swept, out, partial(sweeps.in_workers, each_done))
-    sweeps.write(out, rows)
+    rows = trial_runs.run(swept, out, partial(trial_runs.in_workers, each_done))
+    trial_runs.write(out, rows)
     assert table(out).splitlines() == table(undisturbed).splitlines()[:3]
 
 
@@ -469,7 +498,7 @@ def test_asha_stops_what_is_behind(tmp_path):
     swept = Sweep(seeds=(0, 1, 2), settings=settings, points=6, steps=40_960)
     with ray_workers.cluster(cores=2):
         execute = partial(ray_sweep.execute, early_stop=True)
-        rows = sweeps.run(swept, tmp_path, execute)
+        rows = trial_runs.run(swept, tmp_path, execute)
     assert len(rows) == 6
     states = {row.status for row in rows}
     assert states == {"done", "stopped"}

@@ -151,7 +151,7 @@ def test_what_cannot_be_audited_is_refused():
     over = presets.over_hump("escort", "watts")
     with pytest.raises(ValueError, match="must keep body_acceleration, tyre_load"):
         audit(rollout(Pushes(), over, duration=0.5))
-    with pytest.raises(ValueError, match="over four control intervals"):
+    with pytest.raises(ValueError, match="must last four control intervals"):
         audit(rollout(Pushes(), over, duration=0.01, signals=AUDIT_SIGNALS))
     with pytest.raises(ValueError, match="car must have masses"):
         audit(rollout(Pushes(size=2), scenario("paper"), duration=0.5))

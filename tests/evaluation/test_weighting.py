@@ -7,7 +7,7 @@ from scipy import signal
 from scipy.linalg import expm
 
 from qcar_env.evaluation import comfort
-from qcar_env.evaluation.weighting import WEIGHTINGS, Weighting, recursion, weighted, weighting
+from qcar_env.evaluation.weighting import WEIGHTINGS, Weighting, find_weighting, recursion, weighted
 
 # ISO 8041-1:2017, annex B: Wk at 10^(n/10) Hz, n = -10..26
 TABLE = np.array(
@@ -135,7 +135,7 @@ def test_a_weighting_of_ones_own_is_taken():
     steady = abs(lag.response(1.0)) * 0.5
     aw = weighted(smooth, 0.005, lag)
     assert aw[200:].max() - aw[200:].min() == pytest.approx(2.0 * steady, rel=0.01)
-    assert weighting(lag) is lag
+    assert find_weighting(lag) is lag
 
 
 @pytest.mark.parametrize("name", list(WEIGHTINGS))
@@ -162,8 +162,8 @@ def test_sample_by_sample_a_sine_loses_what_lines_between_samples_take(name, fre
         (lambda: weighted(np.zeros((2, 2, 2)), 0.005), r"got \(2, 2, 2\)"),
         (lambda: weighted([np.nan], 0.005), "acceleration must be finite"),
         (lambda: weighted([1.0], 0.0), "dt must be positive, got 0 s"),
-        (lambda: weighting(Weighting((), (1.0 + 0.0j,), 1.0)), "must be a stable filter"),
-        (lambda: weighting(Weighting((0j, 0j), (-1.0 + 0j,), 1.0)), "must be a stable filter"),
+        (lambda: find_weighting(Weighting((), (1.0 + 0.0j,), 1.0)), "must be a stable filter"),
+        (lambda: find_weighting(Weighting((0j, 0j), (-1.0 + 0j,), 1.0)), "must be a stable filter"),
     ],
 )
 def test_what_is_no_record_or_filter_is_refused(call, message):

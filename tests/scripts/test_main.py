@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -179,3 +180,13 @@ def test_a_command_that_takes_a_scenario_takes_all_of_its_forms(name, monkeypatc
         main([name, "--help"])
     shown = " ".join(capsys.readouterr().out.split())
     assert ("--scenario" in shown) == (command.SCENARIO in shown)
+
+
+@pytest.mark.parametrize("module", sorted(modules()))
+def test_a_command_runs_as_a_file_as_well(module, monkeypatch, capsys):
+    """It did nothing, without a word."""
+    monkeypatch.setattr(sys, "argv", [f"scripts/{module}.py", "--help"])
+    with pytest.raises(SystemExit) as end:
+        runpy.run_path(str(ROOT / "scripts" / f"{module}.py"), run_name="__main__")
+    assert end.value.code in (0, None)
+    assert capsys.readouterr().out.startswith("usage: qcar ")
