@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -39,13 +38,7 @@ HARMONICS = 3  # of the response; the third is all that the cubic law adds to 0.
 
 
 def page(path: Path, found: Comparison) -> Path:
-    """Write the report of a comparison's scripted policies to an .html file, and return where."""
-    learned = found.learned
-    scripted = dataclasses.replace(
-        found,
-        outcomes=tuple(each for each in found.outcomes if each.policy not in learned),
-        rollouts={name: each for name, each in found.rollouts.items() if name not in learned},
-    )
+    """Write the report of a comparison to an .html file, and return where."""
     provenance = {
         "command": storage.command(),
         "start": START,
@@ -53,7 +46,7 @@ def page(path: Path, found: Comparison) -> Path:
         "versions": storage.made_with(),
         "numbers": "table.csv and result.json beside this file",
     }
-    return write(path, comparison(scripted, provenance))
+    return write(path, comparison(found, provenance))
 
 
 def comparison(found: Comparison, provenance: Mapping[str, str]) -> Report:
@@ -83,7 +76,7 @@ def comparison(found: Comparison, provenance: Mapping[str, str]) -> Report:
         force_unit=unit,
         parameters=parameters(scenario),
         provenance=provenance,
-        shown=tuple(line(name).label for name in _first_shown(outcomes)),
+        shown=tuple(line(name).label for name in _first_shown(found)),
     )
 
 
@@ -229,7 +222,7 @@ def _findings(outcomes: Sequence[Outcome], optimum: float | None) -> tuple[str, 
     if gentle is not best and gentle.rho < 0.999:
         small, large = (" / ".join(f"{v:.3g}" for v in e.peak_force) for e in (gentle, best))
         found.append(
-            f"The laws use very different forces at these gains: {line(gentle.policy).label} "
+            f"The policies use very different forces: {line(gentle.policy).label} "
             f"peaks at {small}, {line(best.policy).label} at {large}."
         )
     return tuple(found)
@@ -240,8 +233,9 @@ def _zero(value: float, least: float) -> float:
     return 0.0 if abs(value) < least else value
 
 
-def _first_shown(outcomes: Sequence[Outcome]) -> list[str]:
-    """No control and the three best: more curves than that hide one another."""
-    ranked = [each.policy for each in sorted(outcomes, key=lambda each: each.rho)]
-    names = ["none"] if "none" in ranked else []
-    return names + [name for name in ranked if name != "none"][:3]
+def _first_shown(found: Comparison) -> list[str]:
+    """No control, the best policy and the two best laws: more curves than that hide one another."""
+    ranked = [each.policy for each in sorted(found.outcomes, key=lambda each: each.rho)]
+    best = [name for name in ranked if name != "none"]
+    laws = [name for name in best[1:] if name not in found.learned]
+    return [*(["none"] if "none" in ranked else []), *best[:1], *laws[:2]]

@@ -10,6 +10,7 @@ import plotly.graph_objects as go
 import pytest
 
 import qcar_env.report
+from qcar_env.agents.load import load
 from qcar_env.analysis.optimum import period_optimum
 from qcar_env.baselines import catalogue
 from qcar_env.commands import compare
@@ -22,32 +23,49 @@ from qcar_env.evaluation.tracks import TRACKS
 from qcar_env.physics.tree import flat
 from qcar_env.plots.style import line
 from qcar_env.report.benchmark import benchmark, page
-from qcar_env.report.comparison import comparison
+from qcar_env.report.comparison import comparison, page as page_of_comparison
 from qcar_env.report.content import Chart, Column, Curve, history, parameters
 from qcar_env.report.page import cell, render, specification
 from qcar_env.scenarios import SCENARIOS, scenario
 
 
-def report_of(name, laws, duration):
+def compared(name, laws, duration, learned=()):
     base = scenario(name)
     policies = {law: catalogue.make(law, base) for law in laws}
+    policies |= {agent: load(agent) for agent in learned}
     rollouts = {law: rollout(policy, base, duration=duration) for law, policy in policies.items()}
     periods = PERIODS if base.excitation.harmonic else None
     outcomes = [outcome(law, each, periods=periods) for law, each in rollouts.items()]
-    found = Comparison(
+    return Comparison(
         scenario=base,
         outcomes=tuple(outcomes),
         rollouts=rollouts,
-        laws={law: policy.law for law, policy in policies.items()},
+        laws={law: policies[law].law for law in laws},
+        learned=tuple(learned),
         duration=duration,
     )
+
+
+def report_of(name, laws, duration):
+    found = compared(name, laws, duration)
     content = comparison(found, {"command": "a test"})
-    return base, rollouts, outcomes, content
+    return found.scenario, found.rollouts, found.outcomes, content
 
 
 @pytest.fixture(scope="module")
 def paper():
     return report_of("paper", ("none", "cnvc", "lnvc"), 40.0)  # steady
+
+
+def test_the_page_has_the_policies_of_the_comparison_and_its_headline_the_best(tmp_path):
+    """Learned ones were left out, and CNVC was said to leave the least."""
+    found = compared("paper", ("none", "cnvc", "lnvc"), 40.0, ("ppo-paper", "sac-paper"))
+    text = page_of_comparison(tmp_path / "report.html", found).read_text(encoding="utf-8")
+    assert "PPO leaves the least vibration" in text
+    content = comparison(found, {"command": "a test"})
+    labels = {line(each.policy).label for each in found.outcomes}
+    assert {row[0] for row in content.tables[0].rows} == labels
+    assert content.shown == ("no control", "PPO", "CNVC", "LNVC")
 
 
 def test_the_leaderboard_has_every_policy_best_first(paper):
