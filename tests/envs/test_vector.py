@@ -552,27 +552,32 @@ def test_actions_may_lie_in_memory_in_any_way():
 # Threads and interrupts --------------------------------------------------------------------------
 
 
-def test_two_threads_in_one_environment_are_told_apart():
-    env = QuarterCarHumpVectorEnv(20_000)
-    env.reset(seed=0)
-    action = np.zeros((20_000, 2), np.float32)
-    refused = []
+def test_two_threads_in_one_environment_are_told_apart(monkeypatch):
+    env, twin = QuarterCarHumpVectorEnv(64), QuarterCarHumpVectorEnv(64)
+    for each in (env, twin):
+        each.reset(seed=0)
+    action = np.full((64, 2), 0.2, np.float32)
+    inside, go_on, stepped = threading.Event(), threading.Event(), []
+    outputs = env._cars._outputs
 
-    def run():
-        for _ in range(50):
-            try:
+    def held():
+        inside.set()
+        assert go_on.wait(60.0)
+        return outputs()
+
+    with monkeypatch.context() as patch:
+        patch.setattr(env._cars, "_outputs", held)
+        first = threading.Thread(target=lambda: stepped.append(env.step(action)[0]))
+        first.start()
+        try:
+            assert inside.wait(60.0)
+            with pytest.raises(RuntimeError, match="another thread is stepping these cars"):
                 env.step(action)
-            except RuntimeError as error:
-                refused.append(str(error))
-
-    threads = [threading.Thread(target=run) for _ in range(2)]
-    for each in threads:
-        each.start()
-    for each in threads:
-        each.join()
-    assert refused
-    assert set(refused) == {"another thread is stepping these cars; give each its own"}
-    env.step(action)  # and it goes on
+        finally:
+            go_on.set()
+            first.join()
+    assert np.array_equal(stepped, [twin.step(action)[0]])
+    assert np.array_equal(env.step(action)[0], twin.step(action)[0])  # and it goes on
 
 
 @pytest.mark.parametrize("n", [1, 64, 3000])
